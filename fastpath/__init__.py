@@ -1,0 +1,1 @@
+"""OpenCL: per-pixel sampling of the virtual texture."""

@@ -1,0 +1,1 @@
+"""Reference implementation: light transport, placement and virtual texturing, slow and obvious where it can be."""

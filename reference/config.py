@@ -1,0 +1,252 @@
+"""What a scene file may say: frozen settings, one model a table of `scene.toml`.
+
+The same models describe scenes that come from other formats (their loader fills them in), so `--set` works on all.
+Lengths are metres, radiometric values linear RGB. Unknown keys are errors that name their path.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Vec3 = tuple[float, float, float]
+Unit = Annotated[float, Field(ge=0.0, lt=1.0)]
+Albedo = tuple[Unit, Unit, Unit]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Colour = tuple[NonNegative, NonNegative, NonNegative]
+Positive = Annotated[float, Field(gt=0.0)]
+Tag = Literal["engine", "input"]
+BLACK: Colour = (0.0, 0.0, 0.0)
+
+
+class Frozen(BaseModel):
+    """Base of all settings: immutable, no unknown keys, no NaN or infinity."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class MaterialSettings(Frozen):
+    """Diffuse material. `texture` replaces `albedo`; `emission` is radiance, W·m⁻²·sr⁻¹, always input to the radiosity."""
+
+    albedo: Albedo = (0.5, 0.5, 0.5)
+    texture: str | None = None
+    emission: Colour = BLACK
+    two_sided: bool = False
+
+
+class MeshSettings(Frozen):
+    """One mesh. `probe_size` is the voxel size, m, its surface asks for; without it `placement.min_voxel` holds."""
+
+    file: str | None = None
+    material: str
+    role: Literal["static", "moving"] = "static"
+    lit_by: Literal["probes", "lightmap"] = "probes"
+    probe_size: Positive | None = None
+
+
+def _non_zero(name: str, v: Vec3) -> None:
+    if math.hypot(*v) == 0.0:
+        raise ValueError(f"{name} has zero length")
+
+
+class PointLight(Frozen):
+    """Isotropic point light. `intensity` in W·sr⁻¹."""
+
+    type: Literal["point"]
+    position: Vec3
+    intensity: Colour
+    tag: Tag = "engine"
+
+
+class SpotLight(Frozen):
+    """Spot light: full `intensity`, W·sr⁻¹, inside `beam_deg`, falling linearly in angle to zero at `cutoff_deg` (half angles)."""
+
+    type: Literal["spot"]
+    position: Vec3
+    direction: Vec3
+    intensity: Colour
+    cutoff_deg: Annotated[float, Field(gt=0.0, lt=90.0)] = 30.0
+    beam_deg: Annotated[float, Field(ge=0.0, lt=90.0)] = 20.0
+    tag: Tag = "engine"
+
+    @model_validator(mode="after")
+    def _check(self) -> SpotLight:
+        _non_zero("direction", self.direction)
+        if self.beam_deg >= self.cutoff_deg:
+            raise ValueError(f"beam_deg must be under cutoff_deg ({self.cutoff_deg}), got {self.beam_deg}")
+        return self
+
+
+class DirectionalLight(Frozen):
+    """Parallel light travelling along `direction`. `irradiance`, W·m⁻², is what a surface facing it receives."""
+
+    type: Literal["directional"]
+    direction: Vec3
+    irradiance: Colour
+    tag: Tag = "engine"
+
+    @model_validator(mode="after")
+    def _check(self) -> DirectionalLight:
+        _non_zero("direction", self.direction)
+        return self
+
+
+class AreaLight(Frozen):
+    """All faces of mesh `mesh` emit `radiance`, W·m⁻²·sr⁻¹, from their front."""
+
+    type: Literal["area"]
+    mesh: str
+    radiance: Colour
+    tag: Tag = "engine"
+
+
+class ConstantSky(Frozen):
+    """The same `radiance`, W·m⁻²·sr⁻¹, from every direction that leaves the scene."""
+
+    type: Literal["sky"]
+    radiance: Colour
+    tag: Tag = "input"
+
+
+class ImageSky(Frozen):
+    """Latitude-longitude picture, y up, linear radiance × `scale`; `rotation_deg` turns it about y."""
+
+    type: Literal["image_sky"]
+    file: str
+    scale: NonNegative = 1.0
+    rotation_deg: float = 0.0
+    tag: Tag = "input"
+
+
+Light = Annotated[
+    PointLight | SpotLight | DirectionalLight | AreaLight | ConstantSky | ImageSky, Field(discriminator="type")
+]
+Punctual = PointLight | SpotLight | DirectionalLight
+
+
+class BoxSettings(Frozen):
+    """Axis-aligned box, m."""
+
+    min: Vec3
+    max: Vec3
+
+    @model_validator(mode="after")
+    def _check(self) -> BoxSettings:
+        if any(b <= a for a, b in zip(self.min, self.max, strict=True)):
+            raise ValueError(f"max must exceed min on every axis, got min {self.min} and max {self.max}")
+        return self
+
+
+class VolumeSettings(BoxSettings):
+    """Box that moving meshes or fog may enter: probes are wanted in it, at voxel size `probe_size`, m."""
+
+    probe_size: Positive | None = None
+
+
+class CameraSettings(Frozen):
+    """Pinhole camera. `fov_deg` is the full horizontal angle."""
+
+    origin: Vec3
+    target: Vec3
+    up: Vec3 = (0.0, 1.0, 0.0)
+    fov_deg: Annotated[float, Field(gt=1.0, lt=170.0)] = 60.0
+    width: Annotated[int, Field(ge=8, le=4096)] = 256
+    height: Annotated[int, Field(ge=8, le=4096)] = 192
+
+    @model_validator(mode="after")
+    def _check(self) -> CameraSettings:
+        view = tuple(t - o for t, o in zip(self.target, self.origin, strict=True))
+        _non_zero("target - origin", (view[0], view[1], view[2]))
+        cross = (
+            view[1] * self.up[2] - view[2] * self.up[1],
+            view[2] * self.up[0] - view[0] * self.up[2],
+            view[0] * self.up[1] - view[1] * self.up[0],
+        )
+        _non_zero("(target - origin) × up", cross)
+        return self
+
+
+class PlacementSettings(Frozen):
+    """Octree placement (talk, "Adaptive subdivision").
+
+    min_voxel: finest voxel size, m; without it the longest side of the scene / 64.
+    threshold: a voxel is close to surfaces if a corner's harmonic mean distance is under this many of its sizes.
+    rays: Fibonacci directions per corner.
+    probe_rays: rays for the form factors of one real probe.
+    backface_tolerance: share of back-face hits above which a probe is invalid.
+    max_probes: refused above this many real probes.
+    """
+
+    min_voxel: Positive | None = None
+    threshold: Positive = 2.0
+    rays: Annotated[int, Field(ge=16, le=4096)] = 64
+    probe_rays: Annotated[int, Field(ge=16, le=65536)] = 512
+    backface_tolerance: Annotated[float, Field(ge=0.0, le=1.0)] = 0.1
+    max_probes: Annotated[int, Field(ge=8)] = 400_000
+
+
+class RadiositySettings(Frozen):
+    """Patches and radiosity.
+
+    patch_size: target edge of a patch, m; without it chosen so that the scene has about 2,500 patches.
+    rays: cosine-distributed rays per patch. shadow_rays: samples per patch for direct light.
+    tolerance: residual, relative to the emitted plus direct light, at which the iteration stops.
+    """
+
+    patch_size: Positive | None = None
+    rays: Annotated[int, Field(ge=16, le=1_048_576)] = 1024
+    shadow_rays: Annotated[int, Field(ge=1, le=4096)] = 64
+    tolerance: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-5
+
+
+class SamplingSettings(Frozen):
+    """`normal_offset`: sample this many finest voxels off the surface along its normal."""
+
+    normal_offset: Annotated[float, Field(ge=0.0, le=4.0)] = 0.5
+
+
+class TruthSettings(Frozen):
+    """Path-traced ground truth.
+
+    noise: requested relative noise (RMS standard error over mean) at the metric points. max_spp: paths per point at most.
+    points: metric points per set (camera, surface, volume). picture_spp: paths per pixel of the pictures.
+    tolerance: share of the indirect light the path depth may lose (depth from ρ^D < tolerance).
+    """
+
+    noise: Positive = 0.04
+    max_spp: Annotated[int, Field(ge=8, le=1 << 20)] = 1 << 12
+    points: Annotated[int, Field(ge=16, le=1_000_000)] = 1000
+    picture_spp: Annotated[int, Field(ge=1, le=1 << 16)] = 32
+    tolerance: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-3
+
+
+class ExpectSettings(Frozen):
+    """What is known of the right answer. dark: boxes in which the indirect light is exactly 0. closed_sphere: the
+    scene is the inside of a sphere, whose radiosity has a closed form.."""
+
+    dark: dict[str, BoxSettings] = {}
+    closed_sphere: bool = False
+
+
+class SceneSettings(Frozen):
+    """A whole scene file."""
+
+    description: str = ""
+    unit_m: Positive = 1.0
+    materials: dict[str, MaterialSettings]
+    meshes: dict[str, MeshSettings]
+    lights: dict[str, Light] = {}
+    volumes: dict[str, VolumeSettings] = {}
+    cameras: dict[str, CameraSettings] = {}
+    placement: PlacementSettings = PlacementSettings()
+    radiosity: RadiositySettings = RadiositySettings()
+    sampling: SamplingSettings = SamplingSettings()
+    truth: TruthSettings = TruthSettings()
+    expect: ExpectSettings = ExpectSettings()
+
+
+def scene_json_schema() -> dict[str, Any]:
+    """JSON Schema of `scene.toml`."""
+    return SceneSettings.model_json_schema()

@@ -1,0 +1,1 @@
+"""Voxel bitmap, octree, validity of probes."""

@@ -1,0 +1,1 @@
+"""Scene loaders: every supported file format becomes one `Scene`."""

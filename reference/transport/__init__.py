@@ -1,0 +1,1 @@
+"""Patches, form factors, direct light and radiosity."""

@@ -1,0 +1,1 @@
+"""Ground truth: path tracing with Mitsuba, and closed forms."""

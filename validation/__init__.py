@@ -1,0 +1,1 @@
+"""Metrics, gates, charts, reports and the command line."""

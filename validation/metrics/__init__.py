@@ -1,0 +1,1 @@
+"""Image and volume metrics, each with its standard error."""
