@@ -1,0 +1,189 @@
+"""The one place that chains the stages: scene → patches → form factors; scene → bitmap → octree → probes → layout;
+lights → radiosity → probe lighting → tiles. `bake` is independent of lighting, `update` is new lighting through it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .datatypes import F32, F64, Bool, Scene
+from .errors import InputError
+from .lattice import Octree, make_grid
+from .placement.octree import build_octree, uniform_octree
+from .placement.voxel_bitmap import build_bitmap
+from .transport.direct import arriving, direct_on_patches, punctual_lights, visible
+from .transport.form_factors import FormFactors, patch_form_factors, probe_form_factors
+from .transport.gather import DeviceRows, gather, upload
+from .transport.patches import Patches, auto_patch_size, build_patches
+from .transport.radiosity import Radiosity, solve
+from .progress import Progress, silent
+from .sh import basis
+from .visibility import Geometry, build_geometry
+from .volume.indirection import Indirection, build_indirection
+from .volume.layout import TileLayout, build_layout
+from .volume.sampler import VirtualTexture
+from .volume.tiles import fill_tiles, probe_texels
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """The patch half of a bake: what placement does not change."""
+
+    geometry: Geometry
+    patches: Patches
+    patch_size: float
+    rows: FormFactors
+    device_rows: DeviceRows
+    seconds: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Probes:
+    """The probe half of a bake. valid (R,) bool; rows: SH form factors in octree corner order."""
+
+    octree: Octree
+    rows: FormFactors
+    device_rows: DeviceRows
+    valid: Bool
+    layout: TileLayout
+    indirection: Indirection
+    seconds: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """New lighting through a bake: coefficients (R, 4, 3) f32 radiance SH of real probes, texels (tiles, 27, 13) f32."""
+
+    radiosity: Radiosity
+    coefficients: F32
+    texels: F32
+    seconds: Mapping[str, float]
+
+
+class Clock:
+    """Wall time by stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Add the time since the last lap to `stage`."""
+        now = time.perf_counter()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
+        self._last = now
+
+
+def bake_surfaces(scene: Scene, seed: int, progress: Progress = silent) -> Surfaces:
+    """Geometry, patches and patch form factors."""
+    clock = Clock()
+    geometry = build_geometry(scene)
+    settings = scene.settings.radiosity
+    size = settings.patch_size or auto_patch_size(geometry)
+    patches = build_patches(scene, geometry, size)
+    clock.lap("patches")
+    rows = patch_form_factors(geometry, patches, settings.rays, seed, progress)
+    clock.lap("patch_form_factors")
+    return Surfaces(geometry, patches, size, rows, upload(rows), clock.seconds)
+
+
+def place(scene: Scene, surfaces: Surfaces, seed: int) -> Octree:
+    """The adaptive octree under the scene's controls."""
+    s = scene.settings.placement
+    grid = make_grid(*probe_bounds(scene, surfaces.geometry), s.min_voxel)
+    margin = scene.settings.sampling.normal_offset * grid.finest
+    return build_octree(surfaces.geometry, grid, build_bitmap(scene, grid, margin), s, seed)
+
+
+def place_uniform(scene: Scene, surfaces: Surfaces, voxel: float) -> Octree:
+    """A uniform grid of `voxel` m over the same bounds."""
+    return uniform_octree(make_grid(*probe_bounds(scene, surfaces.geometry), voxel))
+
+
+def probe_bounds(scene: Scene, g: Geometry) -> tuple[F64, F64]:
+    """Bounds (3,), (3,) m of static geometry, moving meshes and volumes."""
+    lower = [g.lower, *(m.vertices.min(axis=0) for m in scene.meshes), *(np.asarray(v.min) for v in _volumes(scene))]
+    upper = [g.upper, *(m.vertices.max(axis=0) for m in scene.meshes), *(np.asarray(v.max) for v in _volumes(scene))]
+    return np.min(lower, axis=0), np.max(upper, axis=0)
+
+
+def _volumes(scene: Scene):  # type: ignore[no-untyped-def]
+    return scene.settings.volumes.values()
+
+
+def bake_probes(scene: Scene, surfaces: Surfaces, octree: Octree, seed: int, progress: Progress = silent) -> Probes:
+    """Form factors and validity of the real probes, and the virtual texture's layout.
+
+    Raises InputError if every probe is invalid: the volume would be black.
+    """
+    clock = Clock()
+    s = scene.settings.placement
+    rows = probe_form_factors(
+        surfaces.geometry, surfaces.patches, octree.positions, s.probe_rays, seed + 3, progress
+    )
+    valid = rows.back_share <= s.backface_tolerance
+    clock.lap("probe_form_factors")
+    if not valid.any():
+        raise InputError(
+            f"scene '{scene.name}': no probe placed: all {len(valid)} see back faces (placement.backface_tolerance "
+            f"{s.backface_tolerance}); are the meshes inside out, or two_sided meant?"
+        )
+    layout = build_layout(octree)
+    indirection = build_indirection(layout)
+    clock.lap("virtual_texture")
+    return Probes(octree, rows, upload(rows), valid, layout, indirection, clock.seconds)
+
+
+@dataclass(frozen=True, eq=False)
+class PatchLight:
+    """Radiosity of a scene, shared by all placements."""
+
+    direct: F64
+    radiosity: Radiosity
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+
+def light_patches(scene: Scene, surfaces: Surfaces, seed: int, progress: Progress = silent) -> PatchLight:
+    """Direct light and radiosity.
+
+    Raises InputError where the albedo is too high to converge.
+    """
+    clock = Clock()
+    s = scene.settings.radiosity
+    direct = direct_on_patches(scene, surfaces.geometry, surfaces.patches, s.shadow_rays, seed, progress)
+    clock.lap("direct_light")
+    try:
+        radiosity = solve(scene, surfaces.patches, surfaces.device_rows, direct, s.tolerance)
+    except ValueError as error:
+        raise InputError(f"scene '{scene.name}': {error}") from error
+    clock.lap("radiosity")
+    return PatchLight(direct, radiosity, clock.seconds)
+
+
+def update(scene: Scene, surfaces: Surfaces, probes: Probes, light: PatchLight) -> Update:
+    """Probe lighting from patch light, then the tile cache's texels."""
+    clock = Clock()
+    coefficients = gather(probes.device_rows, light.radiosity.light)
+    coefficients = coefficients + punctual_input(scene, surfaces.geometry, probes.octree.positions)
+    clock.lap("probes")
+    texels = fill_tiles(probes.layout, probe_texels(coefficients, probes.valid))
+    clock.lap("tiles")
+    return Update(light.radiosity, coefficients, texels, clock.seconds)
+
+
+def punctual_input(scene: Scene, g: Geometry, positions: F64) -> F32:
+    """Radiance SH (R, 4, 3) f32 at probes (R, 3) of punctual lights tagged `input`: Y(ω) E⊥ where not shadowed."""
+    total = np.zeros((len(positions), 4, 3))
+    for light in punctual_lights(scene, "input"):
+        towards, distance, facing = arriving(light, positions)
+        seen = visible(g, positions, None, towards, distance)
+        total += basis(towards)[:, :, None] * (facing * seen[:, None])[:, None, :]
+    return total.astype(np.float32)
+
+
+def virtual_texture(probes: Probes, texels: F32) -> VirtualTexture:
+    """What a sampler reads."""
+    return VirtualTexture(probes.octree.grid, probes.indirection, texels)

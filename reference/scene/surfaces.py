@@ -1,0 +1,89 @@
+"""Materials of a scene, from settings, pictures and what the loader kept for the ground truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..config import MaterialSettings
+from ..datatypes import F32, Material
+from ..errors import InputError
+from .document import Document
+from .images import MAX_TEXTURE_SIDE, read_picture, shrink
+from .paths import resolve_inside
+
+MAX_ALBEDO = 0.95
+
+
+def clamp_albedo(rgb: Iterable[float], where: str) -> tuple[list[float], list[str]]:
+    """Reflectance of a foreign file, brought into 0..MAX_ALBEDO, with a note if it was not. Raises InputError for NaN."""
+    values = [float(x) for x in rgb]
+    if not all(math.isfinite(x) for x in values):
+        raise InputError(f"{where}: reflectance is not finite: {values}; correct it")
+    inside = [min(max(x, 0.0), MAX_ALBEDO) for x in values]
+    notes = [] if inside == values else [f"{where}: albedo {max(values):.3f} clamped to {MAX_ALBEDO}"]
+    return inside, notes
+
+
+def _texture(key: str, document: Document, where: str) -> tuple[F32, list[str]]:
+    """(H, W, 3) f32 diffuse albedo under MAX_ALBEDO, and notes."""
+    notes = []
+    image = document.textures.get(key)
+    if image is None:
+        picture = read_picture(resolve_inside(document.folder, key, where), where)
+        image = picture.rgb
+        if picture.alpha is not None and picture.alpha.min() < 1.0 and not document.opacity:
+            notes.append(f"{where}: {key}: alpha ignored")
+    top = float(image.max())
+    if top > MAX_ALBEDO or float(image.min()) < 0.0:
+        notes.append(f"{where}: {key}: albedo up to {top:.3f} clamped to {MAX_ALBEDO}")
+        image = np.clip(image, 0.0, MAX_ALBEDO).astype(np.float32)
+    return shrink(image, MAX_TEXTURE_SIDE, MAX_TEXTURE_SIDE), notes
+
+
+def make_material(
+    name: str, settings: MaterialSettings, document: Document, overridden: bool
+) -> tuple[Material, list[str]]:
+    """One material. overridden: the user changed its reflectance, so what the file says of gloss no longer holds."""
+    where = f"{document.source}: materials.{name}"
+    texture, notes = None, list[str]()
+    albedo = np.array(settings.albedo, np.float64)
+    if settings.texture is not None:
+        texture, notes = _texture(settings.texture, document, f"{where}.texture")
+        albedo = texture.mean(axis=(0, 1), dtype=np.float64)
+    truth = document.truth_bsdfs.get(name)
+    if overridden and truth is not None:
+        truth = None
+        notes.append(f"{where}: reflectance overridden, the ground truth sees it as diffuse too")
+    material = Material(
+        name=name,
+        albedo=albedo,
+        texture=texture,
+        two_sided=settings.two_sided,
+        passes_light=name in document.passes_light,
+        truth_bsdf=truth,
+        opacity=document.opacity.get(name),
+    )
+    return material, notes
+
+
+def _without_pictures(value: Any, colour: list[float], opacity: float) -> Any:
+    if isinstance(value, Mapping):
+        return {k: _without_pictures(v, colour, opacity) for k, v in value.items()}
+    if value == "@texture":
+        return {"type": "rgb", "value": colour}
+    return opacity if value == "@opacity" else value
+
+
+def plain_twin(material: Material) -> Material:
+    """The material for meshes without texture coordinates: mean colour and mean opacity instead of pictures."""
+    opacity = 1.0 if material.opacity is None else float(material.opacity.mean())
+    truth = material.truth_bsdf
+    if truth is not None:
+        truth = _without_pictures(truth, [float(x) for x in material.albedo], opacity)
+    constant = None if material.opacity is None else np.full((1, 1), opacity, np.float32)
+    return replace(material, name=f"{material.name} (plain)", texture=None, truth_bsdf=truth, opacity=constant)

@@ -1,0 +1,202 @@
+"""Patches: pieces of the static surface with constant radiosity, and the way from a ray's hit to its patch.
+
+Triangles longer than the patch size are cut into k² equal elements (k per edge); elements are then clustered by
+place (cells of the patch size), normal and material, so that neither one huge wall nor 143 k small triangles decides
+the number of patches. A two-sided patch has a twin for its back.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..datatypes import F64, I32, I64, Scene
+from ..visibility import Geometry, points_on_triangles
+from .elements import points_in_elements
+
+MAX_CUTS = 512
+NORMAL_CELLS = 3  # per edge of a cube face: axis-aligned normals then lie in the middle of a cell, not on a border
+AUTO_PATCHES = 2500
+TEXTURE_POINTS = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3], [1 / 3, 1 / 3]])
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """P patches, fronts first, then the backs of the two-sided ones.
+
+    area (P,) m², centroid (P, 3) m, normal (P, 3) unit mean normal, albedo (P, 3), exitance (P, 3) W·m⁻² of emitters
+    tagged `input`, engine_exitance (P, 3) of emitters tagged `engine`. front: number of front patches.
+    cuts (T,) i32: k of each triangle; first_element (T,) i64. element_patch, element_back (E,) i32: patch of an
+    element's front and back, -1 where the back is black. element_triangle (E,) i32.
+    order (E,) i64: elements sorted by patch; cumulative (E + 1,) f64: area sum in that order; start (P_front + 1,) i64:
+    where each front patch begins in `order`. twin (P,) i32: front patch whose elements a patch uses.
+    """
+
+    area: F64
+    centroid: F64
+    normal: F64
+    albedo: F64
+    exitance: F64
+    engine_exitance: F64
+    front: int
+    cuts: I32
+    first_element: I64
+    element_triangle: I32
+    element_patch: I32
+    element_back: I32
+    order: I64
+    cumulative: F64
+    start: I64
+    twin: I32
+
+    @property
+    def count(self) -> int:
+        """Number of patches, backs included."""
+        return len(self.area)
+
+
+def auto_patch_size(g: Geometry) -> float:
+    """Patch edge, m, that cuts the scene's area into about AUTO_PATCHES pieces."""
+    return math.sqrt(float(g.areas.sum()) / AUTO_PATCHES)
+
+
+def build_patches(scene: Scene, g: Geometry, size: float) -> Patches:
+    """Cut and cluster. `size`: target edge, m."""
+    cuts = _cuts(g, size)
+    first = np.concatenate([[0], np.cumsum(cuts.astype(np.int64) ** 2)])
+    triangle = np.repeat(np.arange(len(cuts), dtype=np.int32), cuts.astype(np.int64) ** 2)
+    uv = points_in_elements(cuts, first, triangle, np.arange(len(triangle)), np.full((len(triangle), 2), 1.0 / 3.0))
+    centre = points_on_triangles(g, triangle, uv)
+    patch = _cluster(scene, g, triangle, centre, size)
+    weight = g.areas[triangle] / cuts[triangle].astype(np.float64) ** 2
+    return _assemble(scene, g, cuts, first, triangle, centre, patch, weight)
+
+
+def _cuts(g: Geometry, size: float) -> I32:
+    corners = g.vertices[g.faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    return np.clip(np.ceil(longest / size), 1, MAX_CUTS).astype(np.int32)
+
+
+def _normal_cell(normals: F64) -> I64:
+    axis = np.argmax(np.abs(normals), axis=1)
+    rows = np.arange(len(normals))
+    major = normals[rows, axis]
+    uv = np.stack([normals[rows, (axis + 1) % 3], normals[rows, (axis + 2) % 3]], axis=1)
+    uv = uv / np.maximum(np.abs(major), 1e-9)[:, None]
+    cell = np.clip(((uv * 0.5 + 0.5) * NORMAL_CELLS).astype(np.int64), 0, NORMAL_CELLS - 1)
+    return np.asarray(((2 * axis + (major < 0)) * NORMAL_CELLS + cell[:, 0]) * NORMAL_CELLS + cell[:, 1])
+
+
+def _cluster(scene: Scene, g: Geometry, triangle: I32, centre: F64, size: float) -> I64:
+    """Cluster number (E,) by (material or emitter, normal cell, place)."""
+    emits = np.array([m.emission.any() for m in scene.meshes])
+    material = np.array([m.material for m in scene.meshes])
+    owner = g.mesh[triangle]
+    group = np.where(emits[owner], len(scene.materials) + owner, material[owner])
+    place = np.floor((centre - g.lower) / size).astype(np.int64)
+    key = np.column_stack([group, _normal_cell(g.normals)[triangle], place])
+    return np.asarray(np.unique(key, axis=0, return_inverse=True)[1]).reshape(-1)
+
+
+def _assemble(
+    scene: Scene, g: Geometry, cuts: I32, first: I64, triangle: I32, centre: F64, patch: I64, weight: F64
+) -> Patches:
+    front = int(patch.max()) + 1
+    order = np.argsort(patch, kind="stable")
+    start = np.searchsorted(patch[order], np.arange(front + 1))
+    area = np.bincount(patch, weight, front)
+
+    def mean(values: F64) -> F64:
+        return np.stack([np.bincount(patch, weight * values[:, c], front) for c in range(3)], axis=1) / area[:, None]
+
+    normal = mean(g.normals[triangle])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
+    albedo = mean(_element_albedo(scene, g, cuts, first, triangle))
+    engine = np.array([m.engine_lit for m in scene.meshes])
+    emission = np.pi * np.stack([m.emission for m in scene.meshes])
+    owner = g.mesh[triangle]
+    exitance = mean(np.where(engine[:, None], 0.0, emission)[owner])
+    engine_exitance = mean(np.where(engine[:, None], emission, 0.0)[owner])
+    has_back = np.bincount(patch, g.two_sided[triangle], front) > 0
+    backs = np.flatnonzero(has_back)
+    back_number = np.full(front, -1, dtype=np.int32)
+    back_number[backs] = front + np.arange(len(backs))
+    dark = np.zeros((len(backs), 3))  # emitters shine from their front only
+    return Patches(
+        area=np.concatenate([area, area[backs]]),
+        centroid=np.concatenate([mean(centre), mean(centre)[backs]]),
+        normal=np.concatenate([normal, -normal[backs]]),
+        albedo=np.concatenate([albedo, albedo[backs]]),
+        exitance=np.concatenate([exitance, dark]),
+        engine_exitance=np.concatenate([engine_exitance, dark]),
+        front=front,
+        cuts=cuts,
+        first_element=first,
+        element_triangle=triangle,
+        element_patch=patch.astype(np.int32),
+        element_back=np.where(g.two_sided[triangle], back_number[patch], -1).astype(np.int32),
+        order=order,
+        cumulative=np.concatenate([[0.0], np.cumsum(weight[order])]),
+        start=start,
+        twin=np.concatenate([np.arange(front), backs]).astype(np.int32),
+    )
+
+
+def _element_albedo(scene: Scene, g: Geometry, cuts: I32, first: I64, triangle: I32) -> F64:
+    """Diffuse albedo (E, 3): the material's, or its texture averaged over a few points of the element."""
+    owner = g.mesh[triangle]
+    albedo = np.stack([scene.materials[m.material].albedo for m in scene.meshes])[owner]
+    for number, mesh in enumerate(scene.meshes):
+        texture = scene.materials[mesh.material].texture
+        mine = np.flatnonzero(owner == number)
+        if texture is None or mesh.uvs is None or len(mine) == 0:
+            continue
+        corner = mesh.uvs[mesh.faces[triangle[mine] - int(np.argmax(g.mesh == number))]].astype(np.float64)
+        total = np.zeros((len(mine), 3))
+        for xy in TEXTURE_POINTS:
+            uv = points_in_elements(cuts, first, triangle[mine], mine, np.tile(xy, (len(mine), 1)))
+            w = np.column_stack([1.0 - uv.sum(axis=1), uv])
+            total += _texel(texture, np.einsum("ni,nic->nc", w, corner))
+        albedo[mine] = total / len(TEXTURE_POINTS)
+    return albedo
+
+
+def _texel(texture: npt.NDArray[np.floating], uv: F64) -> F64:
+    """Nearest texel (N, 3) at texture coordinates (N, 2), repeating; row 0 is v = 1."""
+    height, width = texture.shape[:2]
+    column = np.floor(uv[:, 0] * width).astype(int) % width
+    row = np.floor((1.0 - uv[:, 1]) * height).astype(int) % height
+    return np.asarray(texture[row, column, :3], dtype=np.float64)
+
+
+def surface_samples(g: Geometry, p: Patches, rows: I64, uvw: npt.NDArray[np.floating]) -> tuple[F64, F64]:
+    """Area-stratified points on patches and the normals there.
+
+    rows (R,) patch numbers; uvw (R, N, 3) uniform: the first picks the element by area, the others the point in it.
+    Returns points (R, N, 3) m and unit normals (R, N, 3) on the patch's side.
+    """
+    n = uvw.shape[1]
+    twin = p.twin[rows]
+    lo, hi = p.cumulative[p.start[twin]], p.cumulative[p.start[twin + 1]]
+    # Stratify over the area: stratum n of N, in an order of its own so that place and direction do not correlate.
+    stratum = (np.arange(n) * _coprime(n)) % n
+    target = lo[:, None] + (hi - lo)[:, None] * (stratum[None, :] + uvw[..., 0]) / n
+    position = np.searchsorted(p.cumulative, target, side="right") - 1
+    position = np.clip(position, p.start[twin][:, None], p.start[twin + 1][:, None] - 1)
+    element = p.order[position].ravel()
+    triangle = p.element_triangle[element]
+    uv = points_in_elements(p.cuts, p.first_element, triangle, element, uvw[..., 1:].reshape(-1, 2))
+    side = np.where(np.repeat(rows, n) >= p.front, -1.0, 1.0)[:, None]
+    shape = (len(rows), n, 3)
+    return points_on_triangles(g, triangle, uv).reshape(shape), (side * g.normals[triangle]).reshape(shape)
+
+
+def _coprime(n: int) -> int:
+    step = max(1, round(n * 0.6180339887))
+    while math.gcd(step, n) != 1:
+        step += 1
+    return step

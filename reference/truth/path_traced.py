@@ -1,0 +1,187 @@
+"""Ground truth: indirect irradiance at points, path traced by Mitsuba (`llvm_ad_rgb`, robust Embree).
+
+At a point with normal n, rays gather what comes from their first hit without the emission of lights tagged `engine`
+(failure-catalogue F1: far less noise than the difference of two renders):
+
+    E      = ∫ L(ω) max(n·ω, 0) dω
+    E_L1   = ∫ L(ω) (1/4 + n·ω/2) dω     what exact L1 radiance SH at the very point would give: the floor of the method
+
+Half the directions follow the cosine, half are uniform on the sphere, weighted by the balance heuristic (Veach 1997).
+`BATCHES` independent randomisations give means, standard errors and two independent halves.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..config import TruthSettings
+from ..datatypes import F64, Scene
+from ..directions import sobol
+from ..progress import Progress
+from ..visibility import LIFT
+from .mitsuba_scene import HALF_EXTENT, TruthScene
+from .points import Points
+
+BATCHES = 8
+LANES = 1 << 20  # paths per launch
+SPP_PER_PASS = 1 << 12
+ROULETTE_DEPTH = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """irradiance (B, N, 3), W·m⁻², from B independent randomisations; l1 (B, N, 3): the same from exact L1 SH at the
+    point, or None. spp: paths per point. depth: longest path."""
+
+    irradiance: F64
+    l1: F64 | None
+    spp: int
+    depth: int
+
+    @property
+    def mean(self) -> F64:
+        """Best estimate, (N, 3)."""
+        return np.asarray(self.irradiance.mean(axis=0))
+
+    @property
+    def variance_of_mean(self) -> F64:
+        """(N, 3), from the spread of the randomisations."""
+        return np.asarray(self.irradiance.var(axis=0, ddof=1) / len(self.irradiance))
+
+    @property
+    def halves(self) -> tuple[F64, F64]:
+        """Two independent estimates, (N, 3) each."""
+        return self.irradiance[0::2].mean(axis=0), self.irradiance[1::2].mean(axis=0)
+
+    @property
+    def noise(self) -> float:
+        """RMS standard error over mean; 0 where everything is dark."""
+        mean = float(self.mean.mean())
+        return math.sqrt(float(self.variance_of_mean.mean())) / mean if mean > 0 else 0.0
+
+
+def path_depth(scene: Scene, tolerance: float) -> int:
+    """Depth D with ρ^D under a tenth of `tolerance` for the largest albedo ρ, 8 … 512 (failure-catalogue F3, F4)."""
+    worst = max(float(m.texture.max()) if m.texture is not None else float(m.albedo.max()) for m in scene.materials)
+    worst = min(max(worst, 0.05), 0.98)
+    return int(np.clip(math.ceil(math.log(tolerance / 10) / math.log(worst)), 8, 512))
+
+
+def estimate(t: TruthScene, points: Points, s: TruthSettings, depth: int, seed: int, progress: Progress) -> Estimate:
+    """Trace until the noise of irradiance and of E_L1 is at most `s.noise`, or `s.max_spp` paths per point."""
+    n = len(points.positions)
+    each = _samples_per_pass(n)
+    total, passes, result = np.zeros((2, BATCHES, n, 3)), 0, None
+    needed = s.max_spp
+    while result is None or (result.noise > s.noise and result.spp < s.max_spp):
+        total += _trace_all(t, points, depth, each, BATCHES, [seed, passes], True)
+        passes += 1
+        result = Estimate(total[0] / passes, total[1] / passes, passes * each * BATCHES, depth)
+        if result.noise > 0:
+            needed = min(s.max_spp, math.ceil(result.spp * (result.noise / s.noise) ** 2))
+        progress("ground truth", min(result.spp, needed), max(needed, 1))
+    return result
+
+
+def picture(t: TruthScene, points: Points, spp: int, depth: int, seed: int, progress: Progress) -> Estimate:
+    """Irradiance at every pixel's point from `spp` paths, in two independent halves, without the L1 floor."""
+    each = max(1, spp // 2)
+    n = len(points.positions)
+    step = max(1, LANES // (2 * each))
+    parts = []
+    for begin in range(0, n, step):
+        part = Points(*(a[begin : begin + step] for a in (points.positions, points.normals, points.mesh)))
+        parts.append(_trace(t, part, depth, each, 2, [seed, 1 << 20, begin], False)[0])
+        progress("truth picture", min(begin + step, n), n)
+    return Estimate(np.concatenate(parts, axis=1), None, 2 * each, depth)
+
+
+def _samples_per_pass(n: int) -> int:
+    """Power of two of samples per point and batch, at least 8."""
+    return 2 ** int(np.clip(math.log2(max(LANES // (n * BATCHES), 1)), 3, math.log2(SPP_PER_PASS // BATCHES)))
+
+
+def _trace_all(
+    t: TruthScene, points: Points, depth: int, each: int, batches: int, seed: list[int], l1: bool
+) -> F64:
+    """`_trace` in launches of at most about LANES paths."""
+    step = max(1, LANES // (each * batches))
+    parts = []
+    for begin in range(0, len(points.positions), step):
+        part = Points(*(a[begin : begin + step] for a in (points.positions, points.normals, points.mesh)))
+        parts.append(_trace(t, part, depth, each, batches, [*seed, begin], l1))
+    return np.concatenate(parts, axis=2)
+
+
+def _trace(t: TruthScene, points: Points, depth: int, each: int, batches: int, seed: list[int], l1: bool) -> F64:
+    """One launch: mean over `each` paths, (2 or 1, batches, N, 3) f64: irradiance and, with `l1`, E_L1."""
+    import drjit as dr
+    import mitsuba as mi
+
+    n = len(points.positions)
+    lanes = n * batches * each
+    rng = np.random.default_rng([*seed, 5])
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(int(rng.integers(1 << 31)), lanes)
+    lane = dr.arange(mi.UInt32, lanes)
+    point, s = lane // (batches * each), lane % each
+    normal = dr.gather(mi.Vector3f, mi.Float(points.normals.astype(np.float32).ravel()), point)
+    local = ((points.positions - t.centre) / t.scale).astype(np.float32)
+    origin = dr.gather(mi.Point3f, mi.Float(local.ravel()), point) + normal * (LIFT * HALF_EXTENT)
+    xi = _stratified(each, lane // each, s, n * batches, rng)
+    direction, inverse_pdf = _directions(normal, xi, s, l1)
+    radiance = _indirect_radiance(t, mi.RayDifferential3f(mi.Ray3f(origin, direction)), sampler, depth)
+    cosine = dr.dot(normal, direction)
+    weights = [dr.maximum(cosine, 0.0) * inverse_pdf]
+    if l1:
+        weights.append((0.25 + 0.5 * cosine) * inverse_pdf)
+    out = np.empty((len(weights), batches, n, 3))
+    for i, w in enumerate(weights):
+        for c in range(3):
+            sums = dr.block_sum(radiance[c] * w, each)
+            out[i, :, :, c] = np.array(sums, dtype=np.float64).reshape(n, batches).T / each
+    return out
+
+
+def _stratified(each: int, group: Any, s: Any, groups: int, rng: np.random.Generator) -> Any:
+    """Sobol points, rotated at random per point and batch: mi.Point2f."""
+    import drjit as dr
+    import mitsuba as mi
+
+    table = mi.Float(sobol(each, 2, int(rng.integers(1 << 31))).ravel())
+    turn = mi.Float(rng.random((groups, 2), dtype=np.float32).ravel())
+    xi = dr.gather(mi.Point2f, table, s) + dr.gather(mi.Point2f, turn, group)
+    return dr.minimum(xi - dr.floor(xi), 1.0 - 2.0**-24)
+
+
+def _directions(normal: Any, xi: Any, s: Any, mixture: bool) -> tuple[Any, Any]:
+    """Directions and inverse densities: cosine-distributed, or with `mixture` every second one uniform on the sphere."""
+    import drjit as dr
+    import mitsuba as mi
+
+    direction = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(xi))
+    if mixture:
+        direction = dr.select(s % 2 == 0, direction, mi.warp.square_to_uniform_sphere(xi))
+    cosine = dr.maximum(dr.dot(normal, direction), 0.0) * dr.inv_pi
+    pdf = 0.5 * cosine + 0.5 * dr.inv_four_pi if mixture else cosine
+    return direction, dr.select(pdf > 0, dr.rcp(pdf), 0.0)
+
+
+def _indirect_radiance(t: TruthScene, ray: Any, sampler: Any, depth: int) -> Any:
+    """Radiance along `ray`, without what lights tagged `engine` emit towards it."""
+    import drjit as dr
+    import mitsuba as mi
+
+    integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": ROULETTE_DEPTH})
+    radiance, _, _ = integrator.sample(t.scene, sampler, ray)
+    first = t.scene.ray_intersect(ray)
+    hit = first.is_valid()
+    shape = dr.reinterpret_array(mi.UInt32, first.shape)
+    engine = dr.gather(mi.Bool, t.engine_shapes, shape, hit)
+    engine = dr.select(hit, engine, t.engine_sky)
+    emitted = first.emitter(t.scene).eval(first)
+    return radiance - dr.select(engine, emitted, 0.0)

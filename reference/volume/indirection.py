@@ -1,0 +1,85 @@
+"""Indirection texture: the octree flattened, one texture per level of detail (talk, "Indirection texture").
+
+A texel of LOD l covers one voxel of level l - 1 (where a tile of level l could be) and points to the finest tile of
+level l or coarser there. 32 bits: 8 bits of tile offset in the cache per axis (x lowest), then 8 bits of level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..datatypes import I64, U32
+from ..errors import InputError
+from .layout import TileLayout
+
+OFFSET_BITS = 8
+MAX_OFFSET = 1 << OFFSET_BITS
+
+
+@dataclass(frozen=True, eq=False)
+class Indirection:
+    """texels (N,) u32: LODs 1 … L one after the other, each in x-slowest order; first (L + 1,) i64; dims (L, 3) i64:
+    size of each LOD, cut to the scene's extent. cache (3,) i64: tiles per axis of the tile cache."""
+
+    texels: U32
+    first: I64
+    dims: I64
+    cache: I64
+
+
+def cache_shape(tiles: int) -> I64:
+    """Tiles per axis (3,) of a cache for `tiles` tiles, each within the texel's bit budget.
+
+    Raises InputError above 256³ tiles.
+    """
+    if tiles > MAX_OFFSET**3:
+        raise InputError(
+            f"the tile cache needs {tiles} tiles, the 32-bit indirection texel addresses {MAX_OFFSET**3}; raise "
+            "placement.min_voxel or the meshes' probe_size"
+        )
+    edge = min(MAX_OFFSET, max(1, int(np.ceil(tiles ** (1.0 / 3.0) - 1e-9))))
+    y = min(MAX_OFFSET, -(-tiles // (edge * edge)) if edge == MAX_OFFSET else edge)
+    z = max(1, -(-tiles // (edge * y)))
+    return np.array([edge, y, z], dtype=np.int64)
+
+
+def slot_offset(slot: I64, cache: I64) -> I64:
+    """Tile offset (N, 3) in the cache of slot numbers (N,): x fastest."""
+    return np.stack([slot % cache[0], slot // cache[0] % cache[1], slot // (cache[0] * cache[1])], axis=-1)
+
+
+def pack(offset: I64, level: int) -> U32:
+    """Texels (N,) from tile offsets (N, 3) and level.
+
+    Raises ValueError if an offset or the level needs more than 8 bits (failure-catalogue E6).
+    """
+    if offset.size and (offset.min() < 0 or offset.max() >= MAX_OFFSET):
+        raise ValueError(f"tile offset must be 0 … {MAX_OFFSET - 1}, got {int(offset.max())}")
+    if not 0 <= level < 256:
+        raise ValueError(f"level must be 0 … 255, got {level}")
+    o = offset.astype(np.uint32)
+    return np.asarray(o[:, 0] | (o[:, 1] << 8) | (o[:, 2] << 16) | np.uint32(level << 24), dtype=np.uint32)
+
+
+def build_indirection(layout: TileLayout) -> Indirection:
+    """Flatten the tiles, coarse to fine."""
+    cache = cache_shape(layout.tiles)
+    grid = layout.grid
+    lods: list[U32] = []
+    dims = []
+    below = np.zeros((1, 1, 1), dtype=np.uint32)
+    for i, parents in enumerate(layout.parents):
+        level = i + 1
+        size = ((grid.extent - 1) >> (grid.level - level + 1)) + 1
+        if i:
+            below = below.repeat(2, 0).repeat(2, 1).repeat(2, 2)[: size[0], : size[1], : size[2]]
+        inside = (parents < size).all(axis=1)
+        slots = layout.first_slot[i] + np.flatnonzero(inside)
+        below = below.copy()
+        below[tuple(parents[inside].T)] = pack(slot_offset(slots, cache), level)
+        lods.append(below.ravel())
+        dims.append(size)
+    first = np.concatenate([[0], np.cumsum([len(t) for t in lods])]).astype(np.int64)
+    return Indirection(np.concatenate(lods), first, np.stack(dims), cache)

@@ -1,0 +1,72 @@
+"""Tile values: real probes written where they stand, virtual probes interpolated coarse to fine from the parent voxel.
+
+A texel holds 12 SH coefficients *times* its weight, and the weight: 1 valid, 0 invalid, fractional where a virtual
+probe mixes both. Only so is the interpolated quotient the same from both sides of a border (failure-catalogue D3).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from ..datatypes import F32, Bool
+from ..lattice import OCTANTS
+from .layout import TEXEL_OFFSETS, TEXELS, TileLayout
+
+CHANNELS = 13  # 3 colours × 4 SH coefficients, then the weight
+Storage = Literal["float32", "half16", "half8"]
+
+
+def _parent_weights() -> F32:
+    """Trilinear weights (8 octants, 27 texels, 27 parent texels) of a tile's texels within the tile one level up."""
+    weights = np.zeros((8, TEXELS, TEXELS), dtype=np.float32)
+    for o, octant in enumerate(OCTANTS):
+        for t, texel in enumerate(TEXEL_OFFSETS):
+            for c in OCTANTS:
+                share = np.prod(np.where(c == 1, texel / 2.0, 1.0 - texel / 2.0))
+                x, y, z = octant + c
+                weights[o, t, (x * 3 + y) * 3 + z] += share
+    return weights
+
+
+PARENT_WEIGHTS = _parent_weights()
+
+
+def probe_texels(coefficients: F32, valid: Bool) -> F32:
+    """Texels (R, 13) of real probes: radiance SH (R, 4, 3) of valid ones colour by colour, and the weight."""
+    light = coefficients.transpose(0, 2, 1).reshape(-1, 12)
+    return np.concatenate([np.where(valid[:, None], light, 0.0), valid[:, None]], axis=1).astype(np.float32)
+
+
+def fill_tiles(layout: TileLayout, probes: F32) -> F32:
+    """All texels (tiles, 27, 13) f32 in slot order, from real probes' texels (R, 13)."""
+    out = np.zeros((layout.tiles, TEXELS, CHANNELS), dtype=np.float32)
+    table = np.concatenate([probes, np.zeros((1, CHANNELS), dtype=np.float32)])
+    for i, probe in enumerate(layout.probe):
+        begin, end = layout.first_slot[i], layout.first_slot[i + 1]
+        real = table[probe]
+        if i == 0:
+            out[begin:end] = real
+            continue
+        above = out[layout.first_slot[i - 1] : begin][layout.parent_tile[i]]
+        virtual = np.empty_like(real)
+        for octant in range(8):
+            mine = layout.octant[i] == octant
+            virtual[mine] = np.einsum("tp,npc->ntc", PARENT_WEIGHTS[octant], above[mine])
+        out[begin:end] = np.where((probe >= 0)[..., None], real, virtual)
+    return out
+
+
+def stored(texels: F32, storage: Storage) -> F32:
+    """What survives a storage format, as f32: `float32` all, `half16` half light and 16-bit unorm weight, `half8` half
+    light and 8-bit unorm weight (the talk's 25 bytes)."""
+    if storage == "float32":
+        return texels
+    steps = np.float32(65535 if storage == "half16" else 255)
+    light = texels[..., :12].astype(np.float16).astype(np.float32)
+    weight = np.round(texels[..., 12:] * steps) / steps
+    return np.concatenate([light, weight.astype(np.float32)], axis=-1)
+
+
+TEXEL_BYTES: dict[Storage, int] = {"float32": 52, "half16": 26, "half8": 25}
