@@ -210,13 +210,14 @@ class SamplingSettings(Frozen):
 class TruthSettings(Frozen):
     """Path-traced ground truth.
 
-    noise: requested relative noise (RMS standard error over mean) at the metric points. max_spp: paths per point at most.
-    points: metric points per set (camera, surface, volume). picture_spp: paths per pixel of the pictures.
+    noise: requested relative noise (RMS standard error over mean) at the cameras' metric points; the surface and volume
+    sets stop at twice that. max_spp: paths per point at most. points: metric points of the cameras together; the other
+    two sets have half as many. picture_spp: paths per pixel of the pictures.
     tolerance: share of the indirect light the path depth may lose (depth from ρ^D < tolerance).
     """
 
     noise: Positive = 0.04
-    max_spp: Annotated[int, Field(ge=8, le=1 << 20)] = 1 << 12
+    max_spp: Annotated[int, Field(ge=512, le=1 << 20)] = 1 << 14
     points: Annotated[int, Field(ge=16, le=1_000_000)] = 1000
     picture_spp: Annotated[int, Field(ge=1, le=1 << 16)] = 32
     tolerance: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-3

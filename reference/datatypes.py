@@ -95,3 +95,41 @@ class Scene:
     sky: Sky | None
     notes: tuple[str, ...]
     content_hash: str
+
+
+@dataclass(frozen=True, eq=False)
+class Indirection:
+    """texels (N,) u32: LODs 1 … L one after the other, each in x-slowest order; first (L + 1,) i64; dims (L, 3) i64:
+    size of each LOD, cut to the scene's extent. cache (3,) i64: tiles per axis of the tile cache."""
+
+    texels: U32
+    first: I64
+    dims: I64
+    cache: I64
+
+
+@dataclass(frozen=True, eq=False)
+class VirtualTexture:
+    """A tile cache and its indirection: all that a sampler reads.
+
+    origin (3,) f64 m and finest, m: corner and size of the finest voxel; level L; extent (3,) i64 finest voxels.
+    texels (tiles, 27, 13) f32 in slot order, x slowest within a tile: 4 SH coefficients of red, of green, of blue,
+    multiplied by the weight, and the weight.
+    """
+
+    origin: F64
+    finest: float
+    level: int
+    extent: I64
+    indirection: Indirection
+    texels: F32
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """irradiance (N, 3) f32 W·m⁻²; level (N,) i32 that answered, 0 where no valid probe was near (irradiance 0);
+    weight (N,) f32."""
+
+    irradiance: F32
+    level: I32
+    weight: F32

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .datatypes import F32, F64, Bool, Scene
+from .datatypes import F32, F64, Bool, Indirection, Scene, VirtualTexture
 from .errors import InputError
 from .lattice import Octree, make_grid
 from .placement.octree import build_octree, uniform_octree
@@ -22,9 +22,8 @@ from .transport.radiosity import Radiosity, solve
 from .progress import Progress, silent
 from .sh import basis
 from .visibility import Geometry, build_geometry
-from .volume.indirection import Indirection, build_indirection
+from .volume.indirection import build_indirection
 from .volume.layout import TileLayout, build_layout
-from .volume.sampler import VirtualTexture
 from .volume.tiles import fill_tiles, probe_texels
 
 
@@ -186,4 +185,5 @@ def punctual_input(scene: Scene, g: Geometry, positions: F64) -> F32:
 
 def virtual_texture(probes: Probes, texels: F32) -> VirtualTexture:
     """What a sampler reads."""
-    return VirtualTexture(probes.octree.grid, probes.indirection, texels)
+    grid = probes.octree.grid
+    return VirtualTexture(grid.origin, grid.finest, grid.level, grid.extent, probes.indirection, texels)

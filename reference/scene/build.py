@@ -11,7 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from ..config import AreaLight, ConstantSky, ImageSky, MeshSettings, SceneSettings
+from ..config import (
+    AreaLight,
+    ConstantSky,
+    DirectionalLight,
+    ImageSky,
+    MeshSettings,
+    PointLight,
+    SceneSettings,
+    SpotLight,
+)
 from ..datatypes import Material, Mesh, Scene, Sky
 from ..errors import InputError
 from .checks import tidy
@@ -69,9 +78,10 @@ def _check_light(settings: SceneSettings, source: str) -> None:
     for light in settings.lights.values():
         if isinstance(light, ImageSky):
             values.append((light.scale,))
+        elif isinstance(light, DirectionalLight):
+            values.append(light.irradiance)
         else:
-            value = getattr(light, "intensity", None) or getattr(light, "irradiance", None)
-            values.append(value or getattr(light, "radiance", ()))
+            values.append(light.intensity if isinstance(light, PointLight | SpotLight) else light.radiance)
     if not any(any(v) for v in values):
         raise InputError(
             f"{source}: lights: no light and no emission, everything is black; add a light, "

@@ -17,7 +17,7 @@ from ..datatypes import F32, F64
 from ..errors import InputError
 from .paths import check_file
 
-MAX_PIXELS = 1 << 26
+MAX_PIXELS = 1 << 25
 MAX_TEXTURE_SIDE = 2048
 MAX_SKY = (512, 1024)
 PILLOW_FORMATS = ("PNG", "JPEG", "BMP", "TGA")
@@ -35,8 +35,14 @@ def srgb_to_linear(x: F64) -> F64:
     return np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0.04045) + 0.055) / 1.055) ** 2.4)
 
 
+EIGHT_BIT = (np.arange(256) / 255.0).astype(np.float32)
+EIGHT_BIT_SRGB = srgb_to_linear(np.arange(256) / 255.0).astype(np.float32)
+
+
 def _resize_axis(image: F64, size: int, axis: int) -> F64:
     moved = np.moveaxis(image, axis, 0)
+    if len(moved) % size == 0:
+        return np.moveaxis(moved.reshape(size, -1, *moved.shape[1:]).mean(axis=1), 0, axis)
     total = np.concatenate([np.zeros_like(moved[:1]), np.cumsum(moved, axis=0)])
     edges = np.linspace(0.0, len(moved), size + 1)
     low = np.minimum(edges.astype(np.int64), len(moved) - 1)
@@ -47,12 +53,21 @@ def _resize_axis(image: F64, size: int, axis: int) -> F64:
 
 def shrink(image: F32, height: int, width: int) -> F32:
     """Area average to at most height × width; exact for any ratio, so the mean is kept."""
+    if image.shape[0] <= height and image.shape[1] <= width:
+        return image
     out = image.astype(np.float64)
     if out.shape[0] > height:
         out = _resize_axis(out, height, 0)
     if out.shape[1] > width:
         out = _resize_axis(out, width, 1)
     return out.astype(np.float32)
+
+
+def shrunk(picture: Picture) -> Picture:
+    """The picture with no side over MAX_TEXTURE_SIDE."""
+    alpha = picture.alpha
+    side = MAX_TEXTURE_SIDE
+    return Picture(shrink(picture.rgb, side, side), None if alpha is None else shrink(alpha, side, side))
 
 
 def _refuse_large(width: int, height: int, where: str) -> None:
@@ -68,7 +83,7 @@ def decode_pillow(source: Any, where: str, raw: bool = False) -> Picture:
             with Image.open(source, formats=PILLOW_FORMATS) as image:
                 _refuse_large(*image.size, where)
                 deep = image.mode.startswith("I")
-                values = np.asarray(image if deep else image.convert("RGBA"), np.float64)
+                values = np.asarray(image if deep else image.convert("RGBA"))
                 alpha = not deep and image.has_transparency_data
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
         raise InputError(f"{where}: the picture is too large: {error}; shrink it") from error
@@ -76,11 +91,12 @@ def decode_pillow(source: Any, where: str, raw: bool = False) -> Picture:
         raise InputError(
             f"{where}: cannot decode the picture ({error}); expected PNG, JPEG, BMP, TGA or EXR"
         ) from error
-    if deep:
-        values = np.repeat(values[..., None] / 257.0, 4, axis=2)
-    rgb = values[..., :3] / 255.0
-    linear = rgb if raw else srgb_to_linear(rgb)
-    return Picture(linear.astype(np.float32), (values[..., 3] / 255.0).astype(np.float32) if alpha else None)
+    if deep:  # 16 bits of grey
+        grey = np.clip(values.astype(np.float64) / 65535.0, 0.0, 1.0)
+        linear = np.repeat((grey if raw else srgb_to_linear(grey))[..., None], 3, axis=2).astype(np.float32)
+    else:
+        linear = (EIGHT_BIT if raw else EIGHT_BIT_SRGB)[values[..., :3]]
+    return Picture(linear, EIGHT_BIT[values[..., 3]] if alpha else None)
 
 
 def _exr_channels(path: Path, where: str) -> dict[str, F32]:

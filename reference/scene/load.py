@@ -10,11 +10,19 @@ from ..datatypes import Scene
 from ..errors import InputError
 from .build import build_scene
 from .document import Document
+from .gltf import read_gltf
 from .mitsuba_xml import read_mitsuba_xml
 from .obj_ply import read_obj_scene, read_ply_scene
 from .toml import read_toml
 
-READERS = {".toml": read_toml, ".obj": read_obj_scene, ".ply": read_ply_scene, ".xml": read_mitsuba_xml}
+READERS = {
+    ".toml": read_toml,
+    ".xml": read_mitsuba_xml,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+    ".obj": read_obj_scene,
+    ".ply": read_ply_scene,
+}
 
 
 def read_document(path: Path) -> Document:

@@ -41,8 +41,9 @@ class _Reader:
         """Name of the material of a <bsdf>, converted at its first use."""
         if id(element) in self.names:
             return self.names[id(element)]
-        surface = convert(element, self.ctx)
         name = unique(element.get("id") or fallback, self.materials, "material")
+        self.ctx.subject = f"material {name}"
+        surface = convert(element, self.ctx)
         self.names[id(element)] = name
         self.surfaces[name] = surface
         self.textures |= surface.textures
@@ -64,6 +65,7 @@ class _Reader:
         name = unique(shape_name(element, self.ctx), self.meshes, "mesh")
         material = self._material_of(element, name)
         surface = self.surfaces.get(material)
+        self.ctx.subject = f"mesh {name}"
         self.geometry[name] = shape_arrays(element, self.ctx, surface.colour.to_uv if surface else None)
         self.meshes[name] = {"material": material}
         for _, emitter in children(element, "emitter", self.ctx):
@@ -74,6 +76,7 @@ class _Reader:
 
     def add(self, element: Element) -> None:
         """One child of <scene>."""
+        self.ctx.subject = ""
         if element.tag == "shape":
             self.add_shape(element)
         elif element.tag == "emitter":

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InputError
-from .paths import read_bytes
+from .paths import MAX_DOCUMENT_BYTES, read_bytes
 
 # Options that may stand in front of the file name of a map, and how many values each takes at most.
 MAP_OPTIONS = {
@@ -78,7 +78,7 @@ def read_mtl(path: Path, where: str) -> dict[str, MtlMaterial]:
     """Materials of a library by name. Raises InputError naming `where`, the file and the line."""
     materials: dict[str, MtlMaterial] = {}
     current: MtlMaterial | None = None
-    text = read_bytes(path, where).decode("utf-8", "replace")
+    text = read_bytes(path, where, MAX_DOCUMENT_BYTES).decode("utf-8", "replace")
     for number, line in enumerate(text.splitlines(), 1):
         words = line.strip().split(None, 1)
         if not words or words[0].startswith("#"):

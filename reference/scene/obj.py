@@ -11,15 +11,15 @@ import numpy as np
 from ..datatypes import F32, F64, I32, I64, Bool
 from ..errors import InputError
 from .document import MeshArrays
-from .paths import read_bytes
+from .paths import MAX_TEXT_BYTES, read_bytes
 from .polygons import fan
 
 
 @dataclass(frozen=True, eq=False)
 class ObjFile:
-    """vertices (V, 3) f64, uvs (V, 2) f32 or None, faces (F, 3) i32, materials (F,) index into `names` per face
-    ("" where a face came before any usemtl), libraries: what mtllib names. against_normals: (F,) the vertex normals point
-    to the other side than the winding."""
+    """vertices (V, 3) f64, uvs (V, 2) f32 or None, faces (F, 3) i32, materials (F,) an index into `names`
+    ("" where a face came before any usemtl), libraries: what mtllib names. against_normals: (F,) true where
+    the vertex normals point to the other side than the winding."""
 
     vertices: F64
     uvs: F32 | None
@@ -45,18 +45,15 @@ class _Lines:
 
 def _sort(data: bytes) -> _Lines:
     out = _Lines()
+    tables = {b"v": out.v, b"vt": out.vt, b"vn": out.vn}
     current = -1
     for line in data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
         words = line.split(None, 1)
         if len(words) < 2:
             continue
         key, rest = words
-        if key == b"v":
-            out.v.append(rest)
-        elif key == b"vt":
-            out.vt.append(rest)
-        elif key == b"vn":
-            out.vn.append(rest)
+        if (table := tables.get(key)) is not None:
+            table.append(rest)
         elif key == b"f":
             if current < 0:
                 current = out.names.setdefault("", len(out.names))
@@ -89,34 +86,41 @@ def _numbers(lines: list[bytes], least: int, keep: int, what: str, where: str) -
     return np.array(rows, np.float64).reshape(-1, keep)
 
 
-def _corner_indices(corners: list[bytes], where: str) -> tuple[I64, I64, I64]:
-    """(C,) position, texture and normal index of every corner as written, 0 where there is none."""
+def _corner_indices(corners: list[bytes], where: str) -> I64:
+    """(C, 3) position, texture and normal index of every corner as written, 0 where there is none."""
     try:
+        if all(c.count(b"/") == 2 for c in corners) and b"//" not in (text := b" ".join(corners)):
+            return np.array(list(map(int, text.replace(b"/", b" ").split())), np.int64).reshape(-1, 3)
         parts = [c.split(b"/") for c in corners]
-        v = np.array([int(p[0]) for p in parts], np.int64)
-        t = np.array([int(p[1]) if len(p) > 1 and p[1] else 0 for p in parts], np.int64)
-        n = np.array([int(p[2]) if len(p) > 2 and p[2] else 0 for p in parts], np.int64)
+        if max(map(len, parts)) > 3:
+            raise ValueError("more than two slashes")
+        padded = [(*p, b"", b"")[:3] for p in parts]
+        return np.array([[int(a), int(b or 0), int(c or 0)] for a, b, c in padded], np.int64)
     except (ValueError, OverflowError) as error:
         raise InputError(f"{where}: cannot read a face corner ({error}); expected v, v/vt, v//vn or v/vt/vn") from error
-    return v, t, n
 
 
-def _absolute(index: I64, before: I64, total: int, owner: I64, what: str, where: str) -> I64:
-    """From 1-based or negative indices to 0-based ones; InputError if one points outside."""
+def _absolute(index: I64, before: I64, total: int, owner: I64, what: str, where: str, needed: bool = False) -> I64:
+    """From 1-based or negative indices to 0-based ones; InputError if one points outside.
+
+    0 stands for none: an error if `needed`, else `total`, one past the end.
+    """
     out = np.where(index > 0, index - 1, before + index)
-    bad = (out < 0) | (out >= total) | (index == 0)
+    none = index == 0
+    bad = (none & needed) | (~none & ((out < 0) | (out >= total)))
     if np.any(bad):
         k = int(np.argmax(bad))
         raise InputError(
-            f"{where}: face {int(owner[k]) + 1}: {what} index {int(index[k])} out of range, the file has {total}"
+            f"{where}: face {int(owner[k]) + 1}: {what} index {int(index[k])} out of range, "
+            f"the file has {total}; repair the mesh"
         )
-    return out
+    return np.where(none, total, out)
 
 
 def read_obj(path: Path, where: str) -> ObjFile:
     """Read an OBJ file; polygons become fans. Raises InputError naming `where`, the file and the line's number."""
     where = f"{where}: {path.name}"
-    lines = _sort(read_bytes(path, where))
+    lines = _sort(read_bytes(path, where, MAX_TEXT_BYTES))
     if not lines.v or not lines.f:
         raise InputError(f"{where}: the mesh is empty (no vertices or no faces); export it with triangles")
     vertices = _numbers(lines.v, 3, 3, "vertex", where)
@@ -127,15 +131,14 @@ def read_obj(path: Path, where: str) -> ObjFile:
     if np.any(counts < 3):
         bad = int(np.argmax(counts < 3))
         raise InputError(f"{where}: face {bad + 1} has {int(counts[bad])} corners, at least 3 expected")
-    v, t, n = _corner_indices([c for p in polygons for c in p], where)
+    v, t, n = _corner_indices([c for p in polygons for c in p], where).T
     before = np.array(lines.before, np.int64)
     owner = np.repeat(np.arange(len(counts)), counts)
-    v = _absolute(v, before[owner, 0], len(vertices), owner, "vertex", where)
-    # Corners without a texture index or normal get one past the end: zeros.
-    texture, normals = np.vstack([texture, np.zeros((1, 2))]), np.vstack([normals, np.zeros((1, 3))])
-    t, n = np.where(t == 0, len(texture), t), np.where(n == 0, len(normals), n)
+    v = _absolute(v, before[owner, 0], len(vertices), owner, "vertex", where, needed=True)
     t = _absolute(t, before[owner, 1], len(texture), owner, "texture coordinate", where)
     n = _absolute(n, before[owner, 2], len(normals), owner, "normal", where)
+    # Corners without a texture index or normal point one past the end: zeros.
+    texture, normals = np.vstack([texture, np.zeros((1, 2))]), np.vstack([normals, np.zeros((1, 3))])
     corners, face = fan(counts)
     against = _against(vertices, normals, v[corners], n[corners])
     points, uvs, faces = _merge_corners(vertices, texture, v, t, corners)

@@ -7,23 +7,26 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from ..errors import InputError
 
 MAX_FILE_BYTES = 512 << 20
+# Text grows about tenfold while it is taken apart.
+MAX_TEXT_BYTES = 256 << 20
+MAX_DOCUMENT_BYTES = 64 << 20
 
 
-def check_file(path: Path, where: str) -> Path:
+def check_file(path: Path, where: str, limit: int = MAX_FILE_BYTES) -> Path:
     """The path itself if it is a regular file of bearable size. Raises InputError, naming `where`, otherwise."""
     if not path.exists():
         raise InputError(f"{where}: no such file: {path}; put it there or correct the name")
     if not path.is_file():
         raise InputError(f"{where}: not a regular file: {path}")
     size = path.stat().st_size
-    if size > MAX_FILE_BYTES:
-        raise InputError(f"{where}: {path} has {size} bytes, the limit is {MAX_FILE_BYTES}; split or simplify it")
+    if size > limit:
+        raise InputError(f"{where}: {path} has {size} bytes, the limit is {limit}; split or simplify it")
     return path
 
 
-def read_bytes(path: Path, where: str) -> bytes:
+def read_bytes(path: Path, where: str, limit: int = MAX_FILE_BYTES) -> bytes:
     """Content of a checked file. Raises InputError if it is missing, too large or unreadable."""
-    check_file(path, where)
+    check_file(path, where, limit)
     try:
         return path.read_bytes()
     except OSError as error:

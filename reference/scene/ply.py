@@ -1,12 +1,10 @@
-"""PLY files, ASCII and binary, strictly: the counts of the header must match the data to the last byte.
+"""PLY, ASCII and binary, strictly: the counts of the header must match the data to the last byte.
 
-A library reader is not used because a validator must not guess: trimesh reads files whose counts lie, and keeps face
-indices that point past the end.
+No library reader: trimesh accepts counts that lie and keeps indices past the end (5.2), and a validator must not guess.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,39 +13,12 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from .document import MeshArrays
-from .paths import read_bytes
+from .paths import MAX_TEXT_BYTES, read_bytes
+from .ply_header import Element, read_header
 from .polygons import fan
 
-MAX_HEADER_BYTES = 1 << 16
-MAX_ROWS = 64_000_000
 INDEX_NAMES = ("vertex_indices", "vertex_index")
 UV_NAMES = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))
-TYPES = {
-    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
-    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
-    "double": "f8", "float64": "f8",
-}  # fmt: skip
-
-
-class Property(NamedTuple):
-    """One column. count: type of the length in front of a list, or None for a single value."""
-
-    name: str
-    item: str
-    count: str | None
-
-
-@dataclass(frozen=True)
-class Element:
-    """One table of the file."""
-
-    name: str
-    rows: int
-    properties: tuple[Property, ...]
-
-    @property
-    def has_lists(self) -> bool:
-        return any(p.count for p in self.properties)
 
 
 class Lists(NamedTuple):
@@ -59,48 +30,6 @@ class Lists(NamedTuple):
 
 Column = npt.NDArray[np.float64] | Lists
 Columns = dict[str, Column]
-
-
-def _property(words: list[str], where: str) -> Property:
-    if len(words) == 5 and words[1] == "list" and words[2] in TYPES and words[3] in TYPES:
-        if TYPES[words[2]][0] == "f":
-            raise InputError(f"{where}: the length of list {words[4]!r} must be an integer type, got {words[2]}")
-        return Property(words[4], TYPES[words[3]], TYPES[words[2]])
-    if len(words) == 3 and words[1] in TYPES:
-        return Property(words[2], TYPES[words[1]], None)
-    raise InputError(f"{where}: cannot read PLY header line {' '.join(words)[:80]!r}")
-
-
-def _rows(word: str, where: str) -> int:
-    rows = int(word) if word.isascii() and word.isdigit() and len(word) < 12 else -1
-    if not 0 <= rows <= MAX_ROWS:
-        raise InputError(f"{where}: a PLY element needs 0 to {MAX_ROWS} rows, got {word[:40]!r}")
-    return rows
-
-
-def _header(data: bytes, where: str) -> tuple[str, list[Element], int]:
-    """Byte order ('ascii', '<' or '>'), elements, and where the data starts."""
-    end = data.find(b"end_header", 0, MAX_HEADER_BYTES)
-    stop = data.find(b"\n", end) + 1 if end >= 0 else 0
-    if not data.startswith(b"ply") or stop == 0:
-        raise InputError(f"{where}: not a PLY file (no 'ply' … 'end_header'); export it again as PLY")
-    order, elements = "", list[Element]()
-    for line in data[:end].decode("latin-1").splitlines()[1:]:
-        words = line.split()
-        if not words or words[0] in ("comment", "obj_info"):
-            continue
-        if words[0] == "format" and len(words) == 3:
-            order = {"ascii": "ascii", "binary_little_endian": "<", "binary_big_endian": ">"}.get(words[1], "")
-        elif words[0] == "element" and len(words) == 3:
-            elements.append(Element(words[1], _rows(words[2], where), ()))
-        elif words[0] == "property" and elements:
-            last = elements[-1]
-            elements[-1] = Element(last.name, last.rows, (*last.properties, _property(words, where)))
-        else:
-            raise InputError(f"{where}: cannot read PLY header line {line[:80]!r}")
-    if not order:
-        raise InputError(f"{where}: PLY format must be ascii, binary_little_endian or binary_big_endian")
-    return order, elements, stop
 
 
 def _short(element: Element, where: str) -> InputError:
@@ -116,8 +45,8 @@ def _even_rows(data: bytes, at: int, element: Element, order: str) -> tuple[Colu
     lengths: dict[str, int] = {}
     offset = at
     for i, p in enumerate(element.properties):
-        if p.count:
-            kind = np.dtype(order + p.count)
+        if p.length:
+            kind = np.dtype(order + p.length)
             if offset + kind.itemsize > len(data):
                 return None
             lengths[p.name] = max(int(np.frombuffer(data, kind, 1, offset)[0]), 0)
@@ -135,18 +64,18 @@ def _even_rows(data: bytes, at: int, element: Element, order: str) -> tuple[Colu
     columns: Columns = {}
     for i, p in enumerate(element.properties):
         values = table[f"p{i}"].astype(np.float64)
-        if p.count and not np.all(table[f"n{i}"] == lengths[p.name]):
+        if p.length and not np.all(table[f"n{i}"] == lengths[p.name]):
             return None
         n = np.full(element.rows, lengths.get(p.name, 0), np.int64)
-        columns[p.name] = Lists(n, values.ravel()) if p.count else values
+        columns[p.name] = Lists(n, values.ravel()) if p.length else values
     return columns, at + row.itemsize * element.rows
 
 
 def _one_row(data: bytes, at: int, element: Element, order: str, out: list[list[Any]], where: str) -> int:
     for p, column in zip(element.properties, out, strict=True):
         n = 1
-        if p.count:
-            kind = np.dtype(order + p.count)
+        if p.length:
+            kind = np.dtype(order + p.length)
             if at + kind.itemsize > len(data):
                 raise _short(element, where)
             n = int(np.frombuffer(data, kind, 1, at)[0])
@@ -173,7 +102,7 @@ def _binary(data: bytes, at: int, element: Element, order: str, where: str) -> t
     columns: Columns = {}
     for p, column in zip(element.properties, out, strict=True):
         flat = np.concatenate(column)
-        columns[p.name] = Lists(np.array([len(c) for c in column], np.int64), flat) if p.count else flat
+        columns[p.name] = Lists(np.array([len(c) for c in column], np.int64), flat) if p.length else flat
     return columns, at
 
 
@@ -182,13 +111,13 @@ def _ascii(lines: list[bytes], at: int, element: Element, where: str) -> tuple[C
     if len(rows) < element.rows:
         raise _short(element, where)
     singles: dict[str, list[float]] = {p.name: [] for p in element.properties}
-    lengths: dict[str, list[int]] = {p.name: [] for p in element.properties if p.count}
+    lengths: dict[str, list[int]] = {p.name: [] for p in element.properties if p.length}
     for number, line in enumerate(rows):
         try:
             words, k = [float(w) for w in line.split()], 0
             for p in element.properties:
                 n = 1
-                if p.count:
+                if p.length:
                     n, k = int(words[k]), k + 1
                     lengths[p.name].append(n)
                 if n < 0 or k + n > len(words):
@@ -207,9 +136,13 @@ def _ascii(lines: list[bytes], at: int, element: Element, where: str) -> tuple[C
 
 
 def _tables(data: bytes, where: str) -> dict[str, Columns]:
-    order, elements, start = _header(data, where)
+    order, elements, start = read_header(data, where)
     tables: dict[str, Columns] = {}
     if order == "ascii":
+        if len(data) > MAX_TEXT_BYTES:
+            raise InputError(
+                f"{where}: {len(data)} bytes of text, the limit is {MAX_TEXT_BYTES}; export it as binary PLY"
+            )
         lines = [line for line in data[start:].splitlines() if line.strip()]
         at, end = 0, len(lines)
         for element in elements:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..datatypes import F64, I64
+from ..datatypes import F64, I32, I64
 from .document import MeshArrays
 
 DISK_SIDES = 64
 CYLINDER_SIDES = 48
-SPHERE_SUBDIVISIONS = 3
+SPHERE_SUBDIVISIONS = 4  # 2,048 triangles
 
 
 def rectangle() -> MeshArrays:
@@ -36,22 +36,29 @@ def disk() -> MeshArrays:
     return MeshArrays(vertices, faces.astype(np.int32))
 
 
+# Normal, then the directions in which u and (Mitsuba's) v grow, of the six faces of Mitsuba's cube.
+CUBE_FACES = (
+    ((0, -1, 0), (0, 0, 1), (1, 0, 0)),
+    ((0, 1, 0), (-1, 0, 0), (0, 0, -1)),
+    ((1, 0, 0), (0, 1, 0), (0, 0, -1)),
+    ((0, 0, 1), (0, 1, 0), (1, 0, 0)),
+    ((-1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    ((0, 0, -1), (0, -1, 0), (1, 0, 0)),
+)
+
+
 def cube() -> MeshArrays:
-    """[-1, 1]³, each face with its own corners and uvs in 0..1."""
-    vertices, faces = [], []
+    """[-1, 1]³, each face with its own corners and uvs in 0..1, laid out as Mitsuba lays them."""
     square = rectangle()
-    turns = [(0, 1, 2), (1, 2, 0), (2, 0, 1)]
-    for axes in turns:
-        for sign in (1.0, -1.0):
-            corner = square.vertices.copy()
-            corner[:, 0] *= sign  # mirrored for the opposite face, so that it faces outwards too
-            corner[:, 2] = sign
-            placed = np.empty_like(corner)
-            placed[:, list(axes)] = corner
-            faces.append(square.faces + 4 * len(vertices))
-            vertices.append(placed)
+    vertices, faces = list[F64](), list[I32]()
+    for k, (normal, du, dv) in enumerate(CUBE_FACES):
+        frame = np.array([du, dv, normal], np.float64)
+        # Where u, v and the normal are left-handed the corners run clockwise, and are turned.
+        turn = 1 if np.linalg.det(frame) > 0 else -1
+        vertices.append((square.vertices + np.array([0.0, 0.0, 1.0])) @ frame)
+        faces.append(square.faces[:, ::turn] + 4 * k)
     uvs = None if square.uvs is None else np.tile(square.uvs, (6, 1))
-    return MeshArrays(np.concatenate(vertices), np.concatenate(faces), uvs)
+    return MeshArrays(np.concatenate(vertices), np.concatenate(faces).astype(np.int32), uvs)
 
 
 def _subdivide(vertices: F64, faces: I64) -> tuple[F64, I64]:
@@ -69,7 +76,7 @@ def sphere() -> MeshArrays:
     """Unit sphere as a subdivided octahedron, scaled to the sphere's area so that a lamp keeps its power."""
     vertices = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]], np.float64)
     faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]], np.int64)
-    for _ in range(SPHERE_SUBDIVISIONS + 1):
+    for _ in range(SPHERE_SUBDIVISIONS):
         vertices, faces = _subdivide(vertices, faces)
     p = vertices[faces]
     area = 0.5 * float(np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1).sum())

@@ -20,7 +20,7 @@ MAX_ALBEDO = 0.95
 
 
 def clamp_albedo(rgb: Iterable[float], where: str) -> tuple[list[float], list[str]]:
-    """Reflectance of a foreign file, brought into 0..MAX_ALBEDO, with a note if it was not. Raises InputError for NaN."""
+    """Reflectance of a foreign file, brought into 0..MAX_ALBEDO, and a note if it was not. InputError for NaN."""
     values = [float(x) for x in rgb]
     if not all(math.isfinite(x) for x in values):
         raise InputError(f"{where}: reflectance is not finite: {values}; correct it")
@@ -43,6 +43,12 @@ def _texture(key: str, document: Document, where: str) -> tuple[F32, list[str]]:
         notes.append(f"{where}: {key}: albedo up to {top:.3f} clamped to {MAX_ALBEDO}")
         image = np.clip(image, 0.0, MAX_ALBEDO).astype(np.float32)
     return shrink(image, MAX_TEXTURE_SIDE, MAX_TEXTURE_SIDE), notes
+
+
+def masked(body: Mapping[str, Any], opacity: F32) -> dict[str, Any]:
+    """Mitsuba's `mask` around a bsdf: a constant opacity as a number, a picture as "@opacity"."""
+    value = float(opacity[0, 0]) if opacity.size == 1 else "@opacity"
+    return {"type": "mask", "opacity": value, "bsdf": body}
 
 
 def make_material(

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..datatypes import F32, F64
-from .surfaces import clamp_albedo
+from .surfaces import clamp_albedo, masked
 from .xml_textures import Colour, colour, fill_transparent, opacity_of
 from .xml_values import Context, children, properties
 
@@ -50,9 +50,11 @@ METALS: Mapping[str, tuple[float, float, float]] = {
     "a-C": (0.2794, 0.194, 0.1691),
     "d-C": (0.2123, 0.1579, 0.1449),
 }
-LIQUIDS = frozenset(
-    ["vacuum", "helium", "hydrogen", "air", "carbon dioxide", "water", "acetone", "ethanol", "carbon tetrachloride", "glycerol", "benzene", "silicone oil", "bromine", "water ice", "fused silica", "pyrex", "acrylic glass", "polypropylene", "bk7", "sodium chloride", "amber", "pet", "diamond"]
-)
+LIQUIDS = frozenset({
+    "vacuum", "helium", "hydrogen", "air", "carbon dioxide", "water", "acetone", "ethanol", "carbon tetrachloride",
+    "glycerol", "benzene", "silicone oil", "bromine", "water ice", "fused silica", "pyrex", "acrylic glass",
+    "polypropylene", "bk7", "sodium chloride", "amber", "pet", "diamond",
+})  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,7 @@ class Surface:
 
 
 def _clamped(element: Element, c: Colour, ctx: Context) -> Colour:
-    rgb, notes = clamp_albedo(c.rgb, f"{ctx.source}: {element.tag} {element.get('id') or element.get('type')}")
+    rgb, notes = clamp_albedo(c.rgb, ctx.where(element))
     ctx.notes += notes
     return replace(c, rgb=rgb)
 
@@ -190,13 +192,15 @@ def _mask(element: Element, ctx: Context, depth: int) -> Surface:
         raise ctx.fail(element, "a mask inside a mask; keep one of them")
     opacity, same = opacity_of(element, inner.colour.texture, ctx)
     if same is not None and inner.colour.texture:
-        inner = replace(inner, textures={**inner.textures, inner.colour.texture: fill_transparent(same)})
+        key = f"visible part of {inner.colour.texture}"
+        images = {key: fill_transparent(same)}
+        inner = replace(inner, colour=replace(inner.colour, texture=key), textures=images)
     body = inner.truth
     if body is None:
         body = {"type": "diffuse", "reflectance": _value(inner.colour)}
         body = {"type": "twosided", "bsdf": body} if inner.two_sided else body
     ctx.note(element, "masked: the truth keeps the opacity picture")
-    return replace(inner, opacity=opacity, truth={"type": "mask", "opacity": "@opacity", "bsdf": body})
+    return replace(inner, opacity=opacity, truth=masked(body, opacity))
 
 
 def _blend(element: Element, ctx: Context, depth: int) -> Surface:

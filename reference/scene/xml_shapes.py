@@ -20,6 +20,7 @@ from .xml_values import Context, properties
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
+TURN_V = np.array([[1, -1], [0, 1]], np.float32)  # v ↦ 1 − v, as scale and offset
 APPROXIMATED = {"disk": "64 sides", "sphere": "2,048 triangles", "cylinder": "48 sides"}
 
 
@@ -46,7 +47,7 @@ def _from_file(element: Element, ctx: Context) -> MeshArrays:
         mesh = read_ply(path, where)
     # Mitsuba turns v over for OBJ and not for PLY, unless told; here v runs up for both.
     if mesh.uvs is not None and bool(values.get("flip_tex_coords", is_obj)) is False:
-        mesh = replace(mesh, uvs=mesh.uvs * np.float32([1, -1]) + np.float32([0, 1]))
+        mesh = replace(mesh, uvs=mesh.uvs * TURN_V[0] + TURN_V[1])
     return mesh
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..datatypes import F32, F64
-from .images import Picture, read_picture
+from .images import Picture, read_picture, shrunk
 from .paths import resolve_inside
 from .surfaces import MAX_ALBEDO
 from .xml_transforms import transform
@@ -33,13 +34,12 @@ class Colour:
     to_uv: F64 | None = None
 
 
-def _bitmap(element: Element, ctx: Context) -> tuple[str, Picture, bool]:
-    """File name, content, and whether it is linear already."""
+def _file(element: Element, ctx: Context) -> tuple[str, Path, bool]:
+    """File name as written, where it is, and whether its numbers are linear already."""
     values = properties(element, ctx)
     name = str(values.get("filename", ""))
-    where = f"{ctx.source}: <texture> {name!r}"
     raw = values.get("raw") is True or values.get("gamma") == 1.0
-    return name, read_picture(resolve_inside(ctx.folder, name, where), where, raw), raw
+    return name, resolve_inside(ctx.folder, name, f"{ctx.where(element)} filename"), raw
 
 
 def _to_uv(element: Element, ctx: Context) -> F64 | None:
@@ -72,11 +72,12 @@ def _checkerboard(element: Element, ctx: Context) -> Colour:
 def _textured(element: Element, ctx: Context) -> Colour:
     if element.get("type") == "checkerboard":
         return _checkerboard(element, ctx)
-    name, picture, raw = _bitmap(element, ctx)
+    name, path, raw = _file(element, ctx)
     to_uv = _to_uv(element, ctx)
-    if not raw:
+    if not raw:  # read when the scene is built, as pictures of a scene.toml are
         return Colour([0.5] * 3, name, {}, to_uv)
-    return Colour([0.5] * 3, f"raw:{name}", {f"raw:{name}": picture.rgb}, to_uv)
+    key = f"raw:{name}"
+    return Colour([0.5] * 3, key, {key: shrunk(read_picture(path, ctx.where(element), raw=True)).rgb}, to_uv)
 
 
 def colour(element: Element, names: tuple[str, ...], default: float, ctx: Context) -> Colour:
@@ -104,7 +105,8 @@ def opacity_of(element: Element, texture: str | None, ctx: Context) -> tuple[F32
         return np.full((1, 1), np.clip(np.dot(c.rgb, LUMINANCE), 0.0, 1.0), np.float32), None
     if found.get("type") != "bitmap":
         raise ctx.fail(element, "the opacity must be a number or a bitmap")
-    name, picture, _ = _bitmap(found, ctx)
+    name, path, raw = _file(found, ctx)
+    picture = shrunk(read_picture(path, ctx.where(found), raw))
     if _to_uv(found, ctx) is not None:
         raise ctx.fail(element, "an opacity picture with its own to_uv is not supported; bake it into the mesh")
     if picture.alpha is None:

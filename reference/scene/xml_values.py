@@ -1,7 +1,7 @@
 """Mitsuba XML, old dialect and new: what may stand in a file, and how its values read.
 
-A whitelist of elements and plugin types is checked before anything is interpreted, because a plugin type is a file name to
-Mitsuba (failure-catalogue G1). Nothing of the file reaches Mitsuba but numbers and words from lists.
+A whitelist of elements and plugin types is checked before anything is interpreted, because a plugin type is a file name
+to Mitsuba (failure-catalogue G1). Nothing of the file reaches Mitsuba but numbers and words from lists.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from defusedxml import DefusedXmlException
 from ..errors import InputError
 from .images import srgb_to_linear
 from .names import clean
-from .paths import read_bytes
+from .paths import MAX_DOCUMENT_BYTES, read_bytes
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -28,17 +28,19 @@ if TYPE_CHECKING:
 PLUGINS: Mapping[str, frozenset[str]] = {
     "sensor": frozenset({"perspective", "thinlens"}),
     "film": frozenset({"hdrfilm", "ldrfilm", "specfilm"}),
-    "bsdf": frozenset(
-        ["diffuse", "roughdiffuse", "twosided", "plastic", "roughplastic", "conductor", "roughconductor", "dielectric", "thindielectric", "roughdielectric", "mask", "bumpmap", "bump", "normalmap", "phong", "ward", "blendbsdf", "coating", "roughcoating", "principled", "null"]
-    ),
+    "bsdf": frozenset({
+        "diffuse", "roughdiffuse", "twosided", "plastic", "roughplastic", "conductor", "roughconductor", "dielectric",
+        "thindielectric", "roughdielectric", "mask", "bumpmap", "bump", "normalmap", "phong", "ward", "blendbsdf",
+        "coating", "roughcoating", "principled", "null",
+    }),
     "texture": frozenset({"bitmap", "checkerboard"}),
     "shape": frozenset({"obj", "ply", "rectangle", "disk", "cube", "sphere", "cylinder"}),
     "emitter": frozenset({"area", "envmap", "constant", "point", "spot", "directional"}),
-}
-VALUE_TAGS = frozenset(["float", "integer", "string", "boolean", "rgb", "srgb", "spectrum", "point", "vector"])
-STEP_TAGS = frozenset(["matrix", "translate", "rotate", "scale", "lookat"])
+}  # fmt: skip
+VALUE_TAGS = frozenset({"float", "integer", "string", "boolean", "rgb", "srgb", "spectrum", "point", "vector"})
+STEP_TAGS = frozenset({"matrix", "translate", "rotate", "scale", "lookat"})
 # These say how to render, or fill space with fog; a bake has no use for them.
-IGNORED_TAGS = frozenset(["integrator", "sampler", "rfilter", "medium", "phase", "volume"])
+IGNORED_TAGS = frozenset({"integrator", "sampler", "rfilter", "medium", "phase", "volume"})
 TAGS = VALUE_TAGS | STEP_TAGS | IGNORED_TAGS | frozenset(PLUGINS) | {"scene", "default", "transform", "ref"}
 TYPE_PATTERN = re.compile(r"[a-z0-9_]+")
 MAX_DEPTH, MAX_ELEMENTS, MAX_ATTRIBUTE = 24, 500_000, 4096
@@ -52,29 +54,34 @@ def snake(name: str) -> str:
 
 @dataclass
 class Context:
-    """One file being read. ids: elements by id. notes: what was converted or ignored."""
+    """One file being read. ids: elements by id. subject: the material or shape in hand. notes: what was converted."""
 
     source: Path
     ids: dict[str, Element] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    subject: str = ""
 
     @property
     def folder(self) -> Path:
         return self.source.parent
 
-    def fail(self, element: Element | None, text: str) -> InputError:
+    def where(self, element: Element) -> str:
+        """File, subject and element, as messages name them."""
+        return ": ".join([str(self.source), *([self.subject] if self.subject else []), label(element)])
+
+    def fail(self, element: Element, text: str) -> InputError:
         """The error to raise about `element`."""
-        return InputError(f"{self.source}: {label(element) if element is not None else 'scene'}: {text}")
+        return InputError(f"{self.where(element)}: {text}")
 
     def note(self, element: Element, text: str) -> None:
-        self.notes.append(f"{self.source}: {label(element)}: {text}")
+        self.notes.append(f"{self.where(element)}: {text}")
 
 
 def label(element: Element) -> str:
     """What a message calls an element: tag, type, id or name."""
-    parts = [element.tag if isinstance(element.tag, str) else "?"]
+    parts = [clean(element.tag)]
     parts += [f'{key}="{clean(element.get(key))}"' for key in ("type", "id", "name") if element.get(key)]
-    return clean(f"<{' '.join(parts)}>"[:200]) if len(parts) == 1 else f"<{' '.join(parts)}>"
+    return f"<{' '.join(parts)}>"
 
 
 def _judge(element: Element, ctx: Context) -> None:
@@ -112,10 +119,10 @@ def _walk(root: Element) -> Iterator[tuple[Element, int]]:
 
 
 def parse(path: Path) -> tuple[Element, Context]:
-    """The checked tree: variables filled in, names in snake_case. Raises InputError for all that is not in the lists."""
+    """The checked tree: variables filled in, names in snake_case. Raises InputError for what is not listed."""
     ctx = Context(path)
     try:
-        root: Element = SafeTree.fromstring(read_bytes(path, str(path)), forbid_dtd=True)
+        root: Element = SafeTree.fromstring(read_bytes(path, str(path), MAX_DOCUMENT_BYTES), forbid_dtd=True)
     except DefusedXmlException as error:
         raise InputError(f"{path}: a DOCTYPE or entity is not allowed in a scene; remove it") from error
     except (SafeTree.ParseError, ValueError, LookupError, RecursionError) as error:
@@ -202,7 +209,7 @@ def properties(element: Element, ctx: Context) -> dict[str, Any]:
 
 
 def children(element: Element, tag: str, ctx: Context) -> list[tuple[str, Element]]:
-    """Plugins of kind `tag` inside `element`, direct or by <ref>, each with its name. Raises InputError for lost ids."""
+    """Plugins of kind `tag` inside `element`, direct or by <ref>, with their names. Raises InputError for lost ids."""
     found = []
     for child in element:
         target: Element | None = child

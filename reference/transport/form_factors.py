@@ -107,7 +107,7 @@ def hit_columns(
     columns = np.full(len(found), p.count + SKY_BINS, dtype=np.int32)
     columns[~found] = p.count + bin_of(directions[~found])
     triangle = np.array(hits.triangle).astype(np.int64)[found]
-    u, v = np.array(hits.u, dtype=np.float64)[found], np.array(hits.v, dtype=np.float64)[found]
+    u, v = np.array(hits.u)[found].astype(np.float64), np.array(hits.v)[found].astype(np.float64)
     element = element_of(p.cuts, p.first_element, triangle, u, v)
     patch = np.where(front[found], p.element_patch[element], p.element_back[element])
     columns[found] = np.where(patch >= 0, patch, p.count + SKY_BINS)

@@ -3,10 +3,10 @@
 At a point with normal n, rays gather what comes from their first hit without the emission of lights tagged `engine`
 (failure-catalogue F1: far less noise than the difference of two renders):
 
-    E      = ∫ L(ω) max(n·ω, 0) dω
-    E_L1   = ∫ L(ω) (1/4 + n·ω/2) dω     what exact L1 radiance SH at the very point would give: the floor of the method
+    E      = ∫ L(ω) max(n·ω, 0) dω       directions follow the cosine
+    E_L1   = ∫ L(ω) (1/4 + n·ω/2) dω     directions uniform: what exact L1 radiance SH at the very point would give, the
+                                         floor of the method
 
-Half the directions follow the cosine, half are uniform on the sphere, weighted by the balance heuristic (Veach 1997).
 `BATCHES` independent randomisations give means, standard errors and two independent halves.
 """
 
@@ -28,8 +28,9 @@ from .points import Points
 
 BATCHES = 8
 LANES = 1 << 20  # paths per launch
-SPP_PER_PASS = 1 << 12
-ROULETTE_DEPTH = 6
+SAMPLES = 64  # per point and randomisation in a pass: stratified together
+FLOOR_SPP = 512  # the floor's noise cancels in the cross-half estimator: a few paths are enough
+ROULETTE_DEPTH = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,19 +73,19 @@ def path_depth(scene: Scene, tolerance: float) -> int:
 
 
 def estimate(t: TruthScene, points: Points, s: TruthSettings, depth: int, seed: int, progress: Progress) -> Estimate:
-    """Trace until the noise of irradiance and of E_L1 is at most `s.noise`, or `s.max_spp` paths per point."""
-    n = len(points.positions)
-    each = _samples_per_pass(n)
-    total, passes, result = np.zeros((2, BATCHES, n, 3)), 0, None
-    needed = s.max_spp
+    """Trace until the noise of the irradiance is at most `s.noise`, or `s.max_spp` paths per point; then the L1 floor."""
+    total, spp, result = np.zeros((BATCHES, len(points.positions), 3)), 0, None
+    needed, each = s.max_spp, SAMPLES
     while result is None or (result.noise > s.noise and result.spp < s.max_spp):
-        total += _trace_all(t, points, depth, each, BATCHES, [seed, passes], True)
-        passes += 1
-        result = Estimate(total[0] / passes, total[1] / passes, passes * each * BATCHES, depth)
+        # each pass is an unbiased mean: weight by its paths
+        total += each * _trace_all(t, points, depth, each, BATCHES, [seed, spp], False)
+        spp += each
+        result = Estimate(total / spp, None, spp * BATCHES, depth)
         if result.noise > 0:
             needed = min(s.max_spp, math.ceil(result.spp * (result.noise / s.noise) ** 2))
         progress("ground truth", min(result.spp, needed), max(needed, 1))
-    return result
+    floor = _trace_all(t, points, depth, FLOOR_SPP // BATCHES, BATCHES, [seed, 1 << 30], True)
+    return Estimate(result.irradiance, floor, result.spp, depth)
 
 
 def picture(t: TruthScene, points: Points, spp: int, depth: int, seed: int, progress: Progress) -> Estimate:
@@ -95,14 +96,9 @@ def picture(t: TruthScene, points: Points, spp: int, depth: int, seed: int, prog
     parts = []
     for begin in range(0, n, step):
         part = Points(*(a[begin : begin + step] for a in (points.positions, points.normals, points.mesh)))
-        parts.append(_trace(t, part, depth, each, 2, [seed, 1 << 20, begin], False)[0])
+        parts.append(_trace(t, part, depth, each, 2, [seed, 1 << 20, begin], False))
         progress("truth picture", min(begin + step, n), n)
     return Estimate(np.concatenate(parts, axis=1), None, 2 * each, depth)
-
-
-def _samples_per_pass(n: int) -> int:
-    """Power of two of samples per point and batch, at least 8."""
-    return 2 ** int(np.clip(math.log2(max(LANES // (n * BATCHES), 1)), 3, math.log2(SPP_PER_PASS // BATCHES)))
 
 
 def _trace_all(
@@ -114,11 +110,11 @@ def _trace_all(
     for begin in range(0, len(points.positions), step):
         part = Points(*(a[begin : begin + step] for a in (points.positions, points.normals, points.mesh)))
         parts.append(_trace(t, part, depth, each, batches, [*seed, begin], l1))
-    return np.concatenate(parts, axis=2)
+    return np.concatenate(parts, axis=1)
 
 
 def _trace(t: TruthScene, points: Points, depth: int, each: int, batches: int, seed: list[int], l1: bool) -> F64:
-    """One launch: mean over `each` paths, (2 or 1, batches, N, 3) f64: irradiance and, with `l1`, E_L1."""
+    """One launch: mean over `each` paths, (batches, N, 3) f64, of the irradiance or, with `l1`, of E_L1."""
     import drjit as dr
     import mitsuba as mi
 
@@ -133,18 +129,17 @@ def _trace(t: TruthScene, points: Points, depth: int, each: int, batches: int, s
     local = ((points.positions - t.centre) / t.scale).astype(np.float32)
     origin = dr.gather(mi.Point3f, mi.Float(local.ravel()), point) + normal * (LIFT * HALF_EXTENT)
     xi = _stratified(each, lane // each, s, n * batches, rng)
-    direction, inverse_pdf = _directions(normal, xi, s, l1)
-    radiance = _indirect_radiance(t, mi.RayDifferential3f(mi.Ray3f(origin, direction)), sampler, depth)
-    cosine = dr.dot(normal, direction)
-    weights = [dr.maximum(cosine, 0.0) * inverse_pdf]
     if l1:
-        weights.append((0.25 + 0.5 * cosine) * inverse_pdf)
-    out = np.empty((len(weights), batches, n, 3))
-    for i, w in enumerate(weights):
-        for c in range(3):
-            sums = dr.block_sum(radiance[c] * w, each)
-            out[i, :, :, c] = np.array(sums, dtype=np.float64).reshape(n, batches).T / each
-    return out
+        direction = mi.warp.square_to_uniform_sphere(xi)
+        weight = (0.25 + 0.5 * dr.dot(normal, direction)) * (4 * dr.pi)
+    else:
+        direction = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(xi))
+        weight = mi.Float(dr.pi)
+    radiance = _indirect_radiance(t, mi.RayDifferential3f(mi.Ray3f(origin, direction)), sampler, depth)
+    lit = [radiance[c] * weight for c in range(3)]
+    dr.eval(lit)  # together: each sum by itself would trace all paths again
+    sums = [np.array(dr.block_sum(values, each), dtype=np.float64).reshape(n, batches).T / each for values in lit]
+    return np.stack(sums, axis=-1)
 
 
 def _stratified(each: int, group: Any, s: Any, groups: int, rng: np.random.Generator) -> Any:
@@ -156,19 +151,6 @@ def _stratified(each: int, group: Any, s: Any, groups: int, rng: np.random.Gener
     turn = mi.Float(rng.random((groups, 2), dtype=np.float32).ravel())
     xi = dr.gather(mi.Point2f, table, s) + dr.gather(mi.Point2f, turn, group)
     return dr.minimum(xi - dr.floor(xi), 1.0 - 2.0**-24)
-
-
-def _directions(normal: Any, xi: Any, s: Any, mixture: bool) -> tuple[Any, Any]:
-    """Directions and inverse densities: cosine-distributed, or with `mixture` every second one uniform on the sphere."""
-    import drjit as dr
-    import mitsuba as mi
-
-    direction = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(xi))
-    if mixture:
-        direction = dr.select(s % 2 == 0, direction, mi.warp.square_to_uniform_sphere(xi))
-    cosine = dr.maximum(dr.dot(normal, direction), 0.0) * dr.inv_pi
-    pdf = 0.5 * cosine + 0.5 * dr.inv_four_pi if mixture else cosine
-    return direction, dr.select(pdf > 0, dr.rcp(pdf), 0.0)
 
 
 def _indirect_radiance(t: TruthScene, ray: Any, sampler: Any, depth: int) -> Any:

@@ -96,11 +96,12 @@ def pixel_view(scene: Scene, g: Geometry, name: str, seed: int) -> CameraView:
 
 
 def choose_points(scene: Scene, g: Geometry, count: int, seed: int) -> dict[PointSet, Points]:
-    """The three sets, `count` points each at most; a set that has nowhere to be is absent."""
+    """The three sets: `count` points for the cameras, half as many for each of the others; a set that has nowhere to be is
+    absent."""
     sets: dict[PointSet, Points | None] = {
         "camera": _camera_points(scene, g, count, seed),
-        "surface": _surface_points(scene, g, count, seed),
-        "volume": _volume_points(scene, g, count, seed),
+        "surface": _surface_points(scene, g, count // 2, seed),
+        "volume": _volume_points(scene, g, count // 2, seed),
     }
     return {name: p for name, p in sets.items() if p is not None and len(p.positions)}
 

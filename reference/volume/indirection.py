@@ -6,27 +6,14 @@ level l or coarser there. 32 bits: 8 bits of tile offset in the cache per axis (
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from ..datatypes import I64, U32
+from ..datatypes import I64, U32, Indirection
 from ..errors import InputError
 from .layout import TileLayout
 
 OFFSET_BITS = 8
 MAX_OFFSET = 1 << OFFSET_BITS
-
-
-@dataclass(frozen=True, eq=False)
-class Indirection:
-    """texels (N,) u32: LODs 1 … L one after the other, each in x-slowest order; first (L + 1,) i64; dims (L, 3) i64:
-    size of each LOD, cut to the scene's extent. cache (3,) i64: tiles per axis of the tile cache."""
-
-    texels: U32
-    first: I64
-    dims: I64
-    cache: I64
 
 
 def cache_shape(tiles: int) -> I64:

@@ -10,36 +10,12 @@ Where the weight is under MIN_WEIGHT all nearby probes are invalid, and the leve
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from ..datatypes import F32, F64, I32, I64, Bool
-from ..lattice import Grid
+from ..datatypes import F32, F64, I32, I64, Samples, VirtualTexture
 from ..sh import irradiance_weights
-from .indirection import Indirection
 
 MIN_WEIGHT = np.float32(1.0 / 1024.0)
-
-
-@dataclass(frozen=True, eq=False)
-class VirtualTexture:
-    """A tile cache and its indirection. texels (tiles, 27, 13) f32 in slot order: 4 SH coefficients of red, of green, of
-    blue, premultiplied, and the weight."""
-
-    grid: Grid
-    indirection: Indirection
-    texels: F32
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """irradiance (N, 3) f32 W·m⁻²; level (N,) i32 that answered, 0 where no valid probe was near (irradiance 0);
-    weight (N,) f32."""
-
-    irradiance: F32
-    level: I32
-    weight: F32
 
 
 def sample(texture: VirtualTexture, positions: F32 | F64, normals: F32 | F64, lod: int | None = None) -> Samples:
@@ -49,7 +25,7 @@ def sample(texture: VirtualTexture, positions: F32 | F64, normals: F32 | F64, lo
     """
     q = lattice_position(texture, positions)
     weights = irradiance_weights(np.asarray(normals, dtype=np.float32)).astype(np.float32)
-    light, weight, level = resolve(texture, q, q, lod or texture.grid.level)
+    light, weight, level = resolve(texture, q, q, lod or texture.level)
     irradiance = _divide(light, weight, weights)
     irradiance[~np.isfinite(q).all(axis=1)] = np.nan
     return Samples(irradiance, level, weight)
@@ -67,10 +43,9 @@ def _divide(light: F32, weight: F32, weights: F32) -> F32:
 
 def lattice_position(texture: VirtualTexture, positions: F32 | F64) -> F32:
     """Positions (N, 3) in finest voxels, f32, clamped to the extent; NaN stays NaN."""
-    grid = texture.grid
-    origin, inverse = grid.origin.astype(np.float32), np.float32(1.0 / grid.finest)
+    origin, inverse = texture.origin.astype(np.float32), np.float32(1.0 / texture.finest)
     q = (np.asarray(positions, dtype=np.float32) - origin) * inverse
-    return np.clip(q, np.float32(0.0), grid.extent.astype(np.float32))
+    return np.clip(q, np.float32(0.0), texture.extent.astype(np.float32))
 
 
 def resolve(texture: VirtualTexture, q: F32, lookup: F32, lod: int) -> tuple[F32, F32, I32]:
@@ -106,13 +81,13 @@ def locate(texture: VirtualTexture, lookup: F32, lod: I64) -> tuple[I64, I64]:
 
 def tile_cell(texture: VirtualTexture, lookup: F32, level: I64) -> I64:
     """Cell (N, 3) of level's tiles that holds `lookup`; the upper border belongs to the last cell."""
-    edge = np.exp2(texture.grid.level - level + 1).astype(np.float32)
+    edge = np.exp2(texture.level - level + 1).astype(np.float32)
     return np.minimum((lookup / edge[:, None]).astype(np.int64), texture.indirection.dims[level - 1] - 1)
 
 
 def interpolate(texture: VirtualTexture, q: F32, lookup: F32, slot: I64, level: I64) -> F32:
     """Trilinear texel (N, 13) at `q` within the tile in `slot`, in the tile's voxel that holds `lookup`."""
-    half = np.exp2(texture.grid.level - level).astype(np.float32)[:, None]
+    half = np.exp2(texture.level - level).astype(np.float32)[:, None]
     base = tile_cell(texture, lookup, level).astype(np.float32) * (2 * half)
     voxel = np.clip(np.floor((lookup - base) / half), 0, 1)
     f = np.clip((q - base) / half - voxel, np.float32(0.0), np.float32(1.0))
@@ -126,8 +101,3 @@ def interpolate(texture: VirtualTexture, q: F32, lookup: F32, slot: I64, level: 
     edge = {(x, y): texel(x, y, 0) * (one - fz) + texel(x, y, 1) * fz for x in (0, 1) for y in (0, 1)}
     face = {x: edge[x, 0] * (one - fy) + edge[x, 1] * fy for x in (0, 1)}
     return np.asarray(face[0] * (one - fx) + face[1] * fx, dtype=np.float32)
-
-
-def answered(samples: Samples) -> Bool:
-    """Where a valid probe answered, (N,) bool."""
-    return np.asarray(samples.level > 0)
