@@ -1,0 +1,17 @@
+# make setup: system libraries and .venv.  make report: the accuracy report.  make test: every check.
+# All three set up what is missing first; see .ci/setup, which exits 3 where it may not (make itself then exits 2).
+.PHONY: setup report test
+
+setup:
+	@bash .ci/setup
+
+report: setup
+	.venv/bin/lightgauge report
+
+test: setup
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	bash .ci/typecheck
+	.venv/bin/pytest
+	.venv/bin/lightgauge report --quiet
+	.venv/bin/lightgauge gate reports/latest --gates gates.toml

@@ -1,0 +1,118 @@
+"""The command line's grammar: verbs, options, help with examples. No heavy imports, so `--help` is instant."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any, NoReturn
+
+EXIT_CODES = """exit codes:
+  0 good   1 a gate or a scene failed   2 wrong use or bad input   3 the environment lacks something
+  4 our own fault   130 stopped with Ctrl-C (finished work is kept)"""
+
+EXAMPLES = {
+    "doctor": "lightgauge doctor\nlightgauge doctor --json",
+    "run": "lightgauge run cornell\n"
+    "lightgauge run cornell two-rooms sphere --out /tmp/a --json\n"
+    "lightgauge run house --set placement.min_voxel=0.25 --seed 3\n"
+    "lightgauge run model.glb --set 'lights.sun.direction=[-0.4,-1,-0.3]'",
+    "report": "lightgauge report\nlightgauge report --out /tmp/all --quiet",
+    "chart": "lightgauge chart cornell\nlightgauge chart cornell --out /tmp/ch --json",
+    "gate": "lightgauge gate reports/latest\n"
+    "lightgauge gate reports/run --scene cornell --scene sphere\n"
+    "lightgauge gate /tmp/a --gates gates.toml --junit gate.xml --markdown gate.md",
+}
+
+
+class Parser(argparse.ArgumentParser):
+    """Argparse with our one-line error."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print usage and the message, exit 2."""
+        self.print_usage(sys.stderr)
+        self.exit(2, f"lightgauge: error: {message} (see {self.prog} --help)\n")
+
+
+def build_parser(version: str) -> argparse.ArgumentParser:
+    """The whole grammar. The verb is in `arguments.verb`."""
+    parser = Parser(
+        prog="lightgauge",
+        description="Reference implementation and validator for probe-volume global illumination.",
+        epilog=f"{EXIT_CODES}\n\n`lightgauge VERB --help` explains one verb with examples.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"lightgauge {version}")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, parser_class=Parser)
+    _doctor(verbs)
+    _measuring(verbs, "run", "bake, update, sample, ground truth, metrics, pictures, page", "reports/run", scenes=True)
+    _measuring(verbs, "report", "`run` over all bundled scenes", "reports/latest", scenes=False)
+    _measuring(verbs, "chart", "speed against accuracy: many settings, the Pareto front", "reports/chart", scenes=True)
+    _gate(verbs)
+    return parser
+
+
+def _verb(verbs: Any, name: str, text: str) -> argparse.ArgumentParser:
+    examples = "\n".join("  " + line for line in EXAMPLES[name].splitlines())
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help=text,
+        description=text[0].upper() + text[1:] + ".",
+        epilog=f"examples:\n{examples}\n\n{EXIT_CODES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    return parser
+
+
+def _json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print one JSON object on standard output, nothing else")
+
+
+def _doctor(verbs: Any) -> None:
+    _json(_verb(verbs, "doctor", "what this machine has and lacks, and the line that mends it"))
+
+
+def _measuring(verbs: Any, name: str, text: str, out: str, *, scenes: bool) -> None:
+    """A verb that bakes and measures: scenes in, results and a page out."""
+    parser = _verb(verbs, name, text)
+    if scenes:
+        help_text = "name under scenes/ or $LIGHTGAUGE_SCENES, or a path (scene.toml, .xml, .glb, .gltf, .obj, .ply)"
+        parser.add_argument("scene", nargs="+", metavar="SCENE", help=help_text)
+    parser.add_argument("--config", type=Path, metavar="FILE", help="TOML table laid over each scene's own settings")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="assignments",
+        help="one setting, as in placement.min_voxel=0.25; after --config; repeatable",
+    )
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="seed of all random numbers (default 0)")
+    parser.add_argument(
+        "--out", type=Path, default=Path(out), metavar="DIR", help=f"folder for page and results (default {out})"
+    )
+    _json(parser)
+    parser.add_argument("--quiet", action="store_true", help="no progress on standard error")
+
+
+def _gate(verbs: Any) -> None:
+    parser = _verb(verbs, "gate", "pass or fail a run against limits, judged with each metric's interval")
+    parser.add_argument("run", type=Path, metavar="RUN", help="folder of a run, or its results.json")
+    parser.add_argument(
+        "--gates", type=Path, default=Path("gates.toml"), metavar="FILE", help="limits (default gates.toml)"
+    )
+    parser.add_argument(
+        "--scene", action="append", default=[], metavar="NAME", help="judge only this scene's limits; repeatable"
+    )
+    _json(parser)
+    parser.add_argument("--junit", type=Path, metavar="FILE", help="also write JUnit XML")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="also write a Markdown table")
+
+
+def _seed(text: str) -> int:
+    value = int(text)
+    if not 0 <= value < 2**32:
+        raise argparse.ArgumentTypeError(f"expected 0 to 2^32 - 1, got {text}")
+    return value

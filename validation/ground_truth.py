@@ -1,0 +1,125 @@
+"""The ground truth of a scene: estimates at the three point sets and one picture per camera, kept between runs.
+
+The key holds what light sees (geometry, materials, lights), where it is asked (cameras, volumes, counts, seed) and the
+code; placement and radiosity settings do not matter, so tuning them never traces a path again.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..reference.datatypes import F64, Scene
+from ..reference.progress import Progress
+from ..reference.transport.direct import punctual_irradiance, punctual_lights
+from ..reference.truth.mitsuba_scene import build_truth_scene
+from ..reference.truth.path_traced import Estimate, estimate, path_depth, picture
+from ..reference.truth.points import CameraView, Points, PointSet, choose_points, pixel_view
+from ..reference.visibility import Geometry, build_geometry
+from . import cache
+
+
+# Only the camera's points get the noise asked for; the other sets are half as many and carry this much more.
+OTHER_SETS_NOISE = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class GroundTruth:
+    """points and estimates by set; views and pictures by camera; seconds spent tracing (0: all kept from before)."""
+
+    points: dict[PointSet, Points]
+    estimates: dict[PointSet, Estimate]
+    views: dict[str, CameraView]
+    pictures: dict[str, Estimate]
+    depth: int
+    seconds: float
+    geometry: Geometry
+
+
+def ground_truth(scene: Scene, seed: int, progress: Progress) -> GroundTruth:
+    """Choose the points, then trace or recall.
+
+    Raises InputError if a camera stands in a wall or sees nothing.
+    """
+    g = build_geometry(scene, moving=True)
+    views = {name: pixel_view(scene, g, name, seed) for name in scene.settings.cameras}
+    points = choose_points(scene, g, scene.settings.truth.points, seed)
+    depth = path_depth(scene, scene.settings.truth.tolerance)
+    name = cache.key("truth", truth_hash(scene), seed, cache.code_hash("reference"))
+    begin = time.perf_counter()
+    kept = cache.load("truth", name)
+    if kept is None:
+        kept = _trace(scene, g, points, views, depth, seed, progress)
+        cache.store("truth", name, kept)
+        seconds = time.perf_counter() - begin
+    else:
+        seconds = 0.0
+    estimates = {s: _estimate(kept, s, depth) for s in points}
+    pictures = {v: _estimate(kept, f"picture.{v}", depth) for v in views}
+    return GroundTruth(points, estimates, views, pictures, depth, seconds, g)
+
+
+def truth_hash(scene: Scene) -> str:
+    """Hash of what the ground truth depends on."""
+    settings = scene.settings
+    chosen = {n: getattr(settings, n) for n in ("lights", "cameras", "volumes", "truth")}
+    text = {n: str(v) for n, v in chosen.items()}
+    return cache.key(text, cache.array_hash(_arrays(scene)), [str(m.truth_bsdf) for m in scene.materials])
+
+
+def _arrays(scene: Scene) -> Iterator[npt.NDArray[Any] | None]:
+    for m in scene.meshes:
+        flags = [m.material, m.static, m.lit_by_probes, m.engine_lit, m.closed]
+        yield from (m.vertices, m.faces, m.uvs, m.emission, np.array(flags, dtype=np.int64))
+    for material in scene.materials:
+        flags = [material.two_sided, material.passes_light]
+        yield from (material.albedo, material.texture, material.opacity, np.array(flags))
+    if scene.sky is not None:
+        yield from (scene.sky.image, np.array([scene.sky.rotation_deg, scene.sky.engine_lit]))
+
+
+def _trace(
+    scene: Scene, g: Geometry, points: dict[PointSet, Points], views: dict[str, CameraView], depth: int, seed: int,
+    progress: Progress,
+) -> cache.Arrays:  # fmt: skip
+    t = build_truth_scene(scene)
+    s = scene.settings.truth
+    out: cache.Arrays = {}
+    for i, (name, p) in enumerate(points.items()):
+        wanted = s if name == "camera" else s.model_copy(update={"noise": OTHER_SETS_NOISE * s.noise})
+        e = estimate(t, p, wanted, depth, seed + i, progress)
+        _put(out, name, e, _punctual_input(scene, g, p))
+    for i, (camera, view) in enumerate(views.items()):
+        e = picture(t, view.points, s.picture_spp, depth, seed + 10 + i, progress)
+        _put(out, f"picture.{camera}", e, _punctual_input(scene, g, view.points))
+    return out
+
+
+def _put(out: cache.Arrays, name: str, e: Estimate, extra: F64) -> None:
+    out[f"{name}.irradiance"] = (e.irradiance + extra).astype(np.float32)
+    out[f"{name}.spp"] = np.array(e.spp)
+    if e.l1 is not None:
+        out[f"{name}.l1"] = e.l1.astype(np.float32)
+
+
+def _punctual_input(scene: Scene, g: Geometry, p: Points) -> F64:
+    """Direct light (N, 3) of punctual lights tagged `input`: no ray can meet them, so it is added exactly."""
+    total = np.zeros_like(p.positions)
+    for light in punctual_lights(scene, "input"):
+        total += punctual_irradiance(g, light, p.positions, p.normals)
+    return total
+
+
+def _estimate(kept: cache.Arrays, name: str, depth: int) -> Estimate:
+    l1 = kept.get(f"{name}.l1")
+    return Estimate(
+        kept[f"{name}.irradiance"].astype(np.float64),
+        None if l1 is None else l1.astype(np.float64),
+        int(kept[f"{name}.spp"]),
+        depth,
+    )

@@ -1,0 +1,106 @@
+"""Error of probe lighting against a noisy reference.
+
+    MSE     = mean over points and colours of (Ê - R₁)(Ê - R₂)      R₁, R₂ independent halves: their noise cancels
+    relRMSE = √max(MSE, 0) / mean(R)
+
+Standard errors join two jackknives: over the reference's independent randomisations (its noise) and over blocks of
+points (the choice of points); Efron and Stein 1981. An MSE under twice its standard error is below the noise floor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+POINT_BLOCKS = 20
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A number with its standard error, the count of points behind it, and whether it is below the noise floor."""
+
+    value: float
+    se: float
+    n: int
+    below_noise: bool = False
+
+
+def cross_half_mse(ours: F64, batches: F64) -> float:
+    """`ours` (N, 3) or (B, N, 3), `batches` (B, N, 3). Per-batch values of `ours` are split like the reference."""
+    first, second = batches[0::2].mean(axis=0), batches[1::2].mean(axis=0)
+    if ours.ndim == 3:
+        return float(np.mean((ours[0::2].mean(axis=0) - first) * (ours[1::2].mean(axis=0) - second)))
+    return float(np.mean((ours - first) * (ours - second)))
+
+
+def rel_rmse(ours: F64, batches: F64) -> float:
+    """Relative RMSE by the cross-half estimator; `ours` as in `cross_half_mse`."""
+    return math.sqrt(max(cross_half_mse(ours, batches), 0.0)) / float(batches.mean())
+
+
+def signed_bias(ours: F64, batches: F64) -> float:
+    """(mean(Ê) - mean(R)) / mean(R)."""
+    reference = float(batches.mean())
+    return (float(ours.mean()) - reference) / reference
+
+
+def worst_case(ours: F64, batches: F64, percentile: float = 99.0) -> float:
+    """Percentile over points of |Ê - R| / mean(R), averaged over colours."""
+    reference = batches.mean(axis=0)
+    values = ours if ours.ndim == 2 else ours.mean(axis=0)
+    return float(np.percentile(np.abs(values - reference).mean(axis=1), percentile) / reference.mean())
+
+
+def jackknife(statistic: Callable[[F64, F64], float], ours: F64, batches: F64) -> float:
+    """Standard error of `statistic(ours, batches)`: leave out one randomisation, and one block of points."""
+    b, n = batches.shape[:2]
+    keep = [np.delete(np.arange(b), i) for i in range(b)]
+    by_seed = [statistic(ours[k] if ours.ndim == 3 else ours, batches[k]) for k in keep]
+    block = np.arange(n) * POINT_BLOCKS // n if n >= POINT_BLOCKS else np.arange(n)
+    # Points come in a low-discrepancy or image order: interleave, so that every block covers the scene.
+    block = np.random.default_rng(0).permutation(block)
+    rest = [block != i for i in range(int(block.max()) + 1)]
+    by_point = [statistic(ours[..., r, :], batches[:, r]) for r in rest]
+    return math.hypot(_jackknife_se(by_seed), _jackknife_se(by_point))
+
+
+def _jackknife_se(values: list[float]) -> float:
+    v = np.asarray(values)
+    return math.sqrt((len(v) - 1) / len(v) * float(((v - v.mean()) ** 2).sum())) if len(v) > 1 else 0.0
+
+
+def measure_error(ours: F64, batches: F64) -> dict[str, Measured]:
+    """relrmse, bias and p99 of `ours` (N, 3) or (B, N, 3) against `batches` (B, N, 3).
+
+    Raises ValueError on shapes that do not match, fewer than 4 batches, or an all-dark reference.
+    """
+    if batches.ndim != 3 or len(batches) < 4 or ours.shape[-2:] != batches.shape[1:]:
+        raise ValueError(f"expected ours (N, 3) and batches (B ≥ 4, N, 3), got {ours.shape} and {batches.shape}")
+    if float(batches.mean()) <= 0.0:
+        raise ValueError("the reference is dark everywhere: a relative error has no meaning")
+    n = batches.shape[1]
+    mse, mse_se = cross_half_mse(ours, batches), jackknife(cross_half_mse, ours, batches)
+    mean = float(batches.mean())
+    below = mse < 2.0 * mse_se
+    root = math.sqrt(max(mse, 0.0))
+    # d√x = dx / 2√x; below the noise floor the linearisation fails and √(2 se) bounds the root.
+    root_se = math.sqrt(2.0 * mse_se) / 2.0 if below else mse_se / (2.0 * root)
+    return {
+        "relrmse": Measured(root / mean, root_se / mean, n, below),
+        "bias": Measured(signed_bias(ours, batches), jackknife(signed_bias, ours, batches), n),
+        "p99": Measured(worst_case(ours, batches), jackknife(worst_case, ours, batches), n),
+    }
+
+
+def worst_points(ours: F64, batches: F64, count: int = 5) -> npt.NDArray[np.intp]:
+    """Indices of the points with the largest error beyond three standard errors of the reference, largest first."""
+    reference = batches.mean(axis=0)
+    noise = batches.std(axis=0, ddof=1) / math.sqrt(len(batches))
+    excess = np.maximum(np.abs(ours - reference) - 3.0 * noise, 0.0).mean(axis=1)
+    order = np.argsort(-excess, kind="stable")[:count]
+    return order[excess[order] > 0.0]

@@ -1,0 +1,49 @@
+"""Light leaks: light where the reference is exactly 0 by construction, beside the light lost elsewhere.
+
+    leak     = mean over the dark set of Ê / mean over the lit set of R
+    overdark = mean over the lit set of max(R - Ê, 0) / R
+
+Always together, so that "black everywhere" does not win (failure-catalogue, Metrics, Leak).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .error import F64, Measured
+
+
+def measure_leak(ours: F64, reference: F64, dark: np.ndarray) -> dict[str, Measured]:
+    """leak, leak_worst, leak_area (share of dark points above 1e-3 of the lit mean), overdark.
+
+    ours, reference (N, 3); dark (N,) bool. Raises ValueError if a set is empty or the dark set is not dark.
+    """
+    if not dark.any() or dark.all():
+        raise ValueError(f"leak needs dark and lit points, got {int(dark.sum())} dark of {len(dark)}")
+    if reference[dark].any():
+        raise ValueError(f"the reference is not 0 in the dark set (worst {reference[dark].max():g}): the scene leaks itself")
+    lit_reference, lit_ours = reference[~dark].mean(axis=1), ours[~dark].mean(axis=1)
+    lit_mean = float(lit_reference.mean())
+    share = np.abs(ours[dark]).mean(axis=1) / lit_mean
+    bright = lit_reference > 0.01 * lit_mean
+    lost = np.maximum(lit_reference - lit_ours, 0.0)[bright] / lit_reference[bright]
+
+    def mean(values: F64) -> Measured:
+        return Measured(float(values.mean()), float(values.std() / math.sqrt(len(values))), len(values))
+
+    return {
+        "leak": mean(share),
+        "leak_worst": Measured(float(share.max()), 0.0, len(share)),
+        "leak_area": mean((share > 1e-3).astype(np.float64)),
+        "overdark": mean(lost),
+    }
+
+
+def in_boxes(positions: F64, boxes: list[tuple[F64, F64]]) -> np.ndarray:
+    """Whether positions (N, 3) lie in one of the boxes (lower, upper): (N,) bool."""
+    inside = np.zeros(len(positions), dtype=np.bool_)
+    for lower, upper in boxes:
+        inside |= ((positions >= lower) & (positions <= upper)).all(axis=1)
+    return inside

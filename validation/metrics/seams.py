@@ -1,0 +1,86 @@
+"""Seams: at one point on a border of voxels, the formulas of both sides must agree.
+
+    J = |Êa - Êb|        S∞ = max J / (Ê + 0.01 Ē)        seam_area = share of points with J / Ê > 1 %
+
+Points lie on faces, edges and vertices of leaf voxels (the ones samples really use); the sides are all the voxels that
+meet there, found by looking a hair to each side. Every border between levels is tested before those within a level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...reference.datatypes import F32, VirtualTexture
+from ...reference.directions import sphere
+from ...reference.sh import irradiance_weights
+from ...reference.volume.sampler import MIN_WEIGHT, locate, resolve
+from .error import Measured
+
+NUDGE = 1e-3  # of a finest voxel: how far to each side to look for the neighbour
+MAX_POINTS = 60_000
+SIDES = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class SeamPoints:
+    """q (N, 3) f32 border points in finest voxels; normals (N, 3); across_levels: number of points between levels."""
+
+    q: F32
+    normals: np.ndarray
+    across_levels: int
+
+
+def seam_points(texture: VirtualTexture, regions: np.ndarray | None, seed: int) -> SeamPoints:
+    """Random faces, edges and vertices of leaf voxels, level borders first.
+
+    regions: (M, 3) positions in finest voxels around which to look, or None for everywhere.
+    """
+    rng = np.random.default_rng([seed, 23])
+    n = 4 * MAX_POINTS
+    if regions is None or len(regions) == 0:
+        where = rng.random((n, 3)) * texture.extent
+    else:
+        where = regions[rng.integers(len(regions), size=n)] + rng.normal(size=(n, 3)) * 2.0
+    where = np.clip(where, 0.0, texture.extent - 1e-3).astype(np.float32)
+    _, level = locate(texture, where, np.full(n, texture.level))
+    size = np.exp2(texture.level - level)[:, None]
+    corner = np.round(where / size)
+    kind = rng.integers(1, 4, size=n)  # on a face, an edge, a vertex
+    rank = np.argsort(rng.random((n, 3)), axis=1)
+    q = np.where(rank < kind[:, None], corner * size, where).astype(np.float32)
+    inside = ((q > 0) | (rank >= kind[:, None])).all(axis=1) & (q < texture.extent).all(axis=1)
+    q = q[inside]
+    levels = np.stack([locate(texture, _nudged(texture, q, s), np.full(len(q), texture.level))[1] for s in SIDES])
+    across = (levels != levels[0]).any(axis=0)
+    order = np.argsort(~across, kind="stable")[:MAX_POINTS]
+    normals = sphere(rng.random((len(order), 2)))
+    return SeamPoints(q[order], normals, int(across[order].sum()))
+
+
+def _nudged(texture: VirtualTexture, q: F32, side: F32) -> F32:
+    """Look to one side, along the axes on whose borders the points lie."""
+    limit = texture.extent.astype(np.float32)
+    step = np.where(q == np.round(q), np.float32(NUDGE) * side, np.float32(0.0))
+    return np.clip(q + step, np.float32(0.0), limit).astype(np.float32)
+
+
+def measure_seams(texture: VirtualTexture, points: SeamPoints, suffix: str = "") -> dict[str, Measured]:
+    """seam_sup, seam_p99 and seam_area of a virtual texture, names followed by `suffix`."""
+    weights = irradiance_weights(points.normals).astype(np.float64)
+    sides = []
+    for side in SIDES:
+        light, weight, _ = resolve(texture, points.q, _nudged(texture, points.q, side), texture.level)
+        sh = light.reshape(-1, 3, 4).astype(np.float64) / np.maximum(weight, MIN_WEIGHT)[:, None, None]
+        sides.append(np.einsum("nk,nck->nc", weights, sh))
+    values = np.stack(sides)
+    jump = (values.max(axis=0) - values.min(axis=0)).max(axis=1)
+    mean = np.abs(values).mean(axis=(0, 2))
+    scale = mean + 0.01 * float(mean.mean()) + 1e-30
+    relative, n = jump / scale, len(jump)
+    return {
+        f"seam_sup{suffix}": Measured(float(relative.max()), 0.0, n),
+        f"seam_p99{suffix}": Measured(float(np.percentile(relative, 99)), 0.0, n),
+        f"seam_area{suffix}": Measured(float((jump > 0.01 * mean).mean()), 0.0, n),
+    }

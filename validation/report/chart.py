@@ -1,0 +1,170 @@
+"""Speed against accuracy: relRMSE with its interval against probes, bytes and update time, all logarithmic.
+
+Drawn straight as SVG: the same input gives the same bytes, and the drawing suits a light and a dark page. Each mark is
+a setting (its name appears under the pointer), the stepped line the Pareto front, the shaded bands what no L1 probe can
+reach (floor) and what the reference cannot tell (noise).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .svg import LogScale, escaped, padded, tag, text, ticks
+from .words import amount, percent
+
+WIDTH, HEIGHT = 1140.0, 420.0
+TOP, BOTTOM, LEFT, PANEL, GAP = 52.0, 352.0, 66.0, 326.0, 40.0
+COSTS = (("probes", "probes"), ("bytes", "bytes of the bake"), ("update_ms", "update time"))
+METHODS = {
+    "adaptive": ("adaptive octree", "#3b82d6", "circle"),
+    "uniform": ("uniform grid", "#e07b1a", "square"),
+    "per_mesh": ("one sample a mesh", "#2e9e5b", "triangle"),
+}
+OTHER = ("#8a8f98", "diamond")
+Row = Mapping[str, Any]
+Bands = list[tuple[str, float]]
+
+
+def pareto_front(cost: npt.ArrayLike, error: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """(N,) costs and errors -> (N,) bool: no other setting is as good in both and better in one. NaN is never on it."""
+    c, e = np.asarray(cost, np.float64).ravel(), np.asarray(error, np.float64).ravel()
+    if c.shape != e.shape:
+        raise ValueError(f"cost and error: expected equal shapes, got {c.shape} and {e.shape}")
+    no_worse = (c[:, None] <= c[None, :]) & (e[:, None] <= e[None, :])
+    better = (c[:, None] < c[None, :]) | (e[:, None] < e[None, :])
+    front: npt.NDArray[np.bool_] = ~(no_worse & better).any(axis=0) & np.isfinite(c) & np.isfinite(e)
+    return front
+
+
+def draw_chart(chart: Mapping[str, Any]) -> str:
+    """`ChartData` (see results.schema.json) -> one `<svg>` element, deterministic."""
+    rows: Sequence[Row] = chart["rows"]
+    bands: Bands = []
+    for name, key in (("L1 floor", "floor"), ("reference noise", "noise")):
+        value = float((chart.get(key) or {}).get("value", 0.0))
+        if value > 0.0:
+            bands.append((name, value))
+    y = LogScale(*_error_range(rows, bands), BOTTOM, TOP)
+    panels = [_panel(rows, i, y, bands) for i in range(len(COSTS))]
+    title = f"Relative RMS error against cost, {chart['scene']}"
+    return tag(
+        "svg", tag("title", escaped(title)), _legend(rows), *panels,
+        xmlns="http://www.w3.org/2000/svg", viewBox=f"0 0 {WIDTH:g} {HEIGHT:g}", class_="chart", role="img",
+        font_family="system-ui, sans-serif", font_size=13.0, fill="currentColor",
+    )  # fmt: skip
+
+
+def _error_range(rows: Sequence[Row], bands: Bands) -> tuple[float, float]:
+    values = [float(row["relrmse"]["value"]) for row in rows]
+    return padded([v for v in values if v > 0.0] + [v for _, v in bands], 1.35)
+
+
+def _panel(rows: Sequence[Row], index: int, y: LogScale, bands: Bands) -> str:
+    key, label = COSTS[index]
+    left = LEFT + index * (PANEL + GAP)
+    positive = [float(row[key]) for row in rows if float(row[key]) > 0.0]
+    x = LogScale(*padded(positive, 1.5), left, left + PANEL)
+    parts = _bands(bands, x, y, index == len(COSTS) - 1) + _axes(x, y, key, label, index == 0)
+    front = [bool(row["pareto"][key]) for row in rows] if all(key in row.get("pareto", {}) for row in rows) else None
+    errors = [float(row["relrmse"]["value"]) for row in rows]
+    mask = pareto_front([float(row[key]) for row in rows], errors) if front is None else np.array(front, bool)
+    parts.append(_front([row for row, on in zip(rows, mask, strict=True) if on], key, x, y))
+    parts += [_mark(row, key, x, y) for row in rows]
+    return tag("g", *parts)
+
+
+def _bands(bands: Bands, x: LogScale, y: LogScale, labelled: bool) -> list[str]:
+    parts = []
+    for name, value in bands:
+        at = y(value)
+        parts.append(
+            tag("rect", x=x.start, y=at, width=PANEL, height=BOTTOM - at, fill="currentColor", fill_opacity=0.07)
+        )
+        parts.append(
+            tag("line", x1=x.start, x2=x.end, y1=at, y2=at, stroke="currentColor", stroke_opacity=0.6,
+                stroke_dasharray="5 4")
+        )  # fmt: skip
+        if labelled:
+            words = f"{name} {percent(value)}"
+            parts.append(text(words, x.end - 6, at - 5, text_anchor="end", font_size=12.0, fill_opacity=0.85))
+    return parts
+
+
+def _axes(x: LogScale, y: LogScale, key: str, label: str, first: bool) -> list[str]:
+    parts = []
+    for value in ticks(y.low, y.high):
+        at = y(value)
+        parts.append(tag("line", x1=x.start, x2=x.end, y1=at, y2=at, stroke="currentColor", stroke_opacity=0.13))
+        if first:
+            parts.append(text(f"{100.0 * value:g} %", x.start - 8, at + 4, text_anchor="end"))
+    for value in ticks(x.low, x.high, binary=key == "bytes", most=6):
+        at = x(value)
+        parts.append(tag("line", x1=at, x2=at, y1=TOP, y2=BOTTOM, stroke="currentColor", stroke_opacity=0.13))
+        parts.append(text(tick_label(key, value), at, BOTTOM + 19, text_anchor="middle"))
+    parts.append(
+        tag("rect", x=x.start, y=TOP, width=PANEL, height=BOTTOM - TOP, fill="none", stroke="currentColor",
+            stroke_opacity=0.4)
+    )  # fmt: skip
+    middle = (x.start + x.end) / 2.0
+    parts.append(text(label, middle, BOTTOM + 43, text_anchor="middle", font_weight="600"))
+    if first:
+        parts.append(text("relRMSE", x.start - 8, TOP - 12, text_anchor="end", font_weight="600"))
+    return parts
+
+
+def tick_label(key: str, value: float) -> str:
+    """A round value, written as briefly as it can be."""
+    if key == "probes":
+        return f"{value / 1000.0:g}k" if value >= 1000.0 else f"{value:g}"
+    return amount(key, value) if key == "bytes" else f"{value:g} ms" if value < 1000.0 else f"{value / 1000.0:g} s"
+
+
+def _front(rows: Sequence[Row], key: str, x: LogScale, y: LogScale) -> str:
+    points = sorted((x(max(float(r[key]), x.low)), y(max(float(r["relrmse"]["value"]), y.low))) for r in rows)
+    if not points:
+        return ""
+    path = [f"M{points[0][0]:.2f},{points[0][1]:.2f}"]
+    path += [f"H{b[0]:.2f}V{b[1]:.2f}" for _, b in pairwise(points)] + [f"H{x.end:.2f}"]
+    return tag("path", d="".join(path), fill="none", stroke="currentColor", stroke_width=1.6, stroke_opacity=0.75)
+
+
+def _mark(row: Row, key: str, x: LogScale, y: LogScale) -> str:
+    value, se = float(row["relrmse"]["value"]), float(row["relrmse"].get("se") or 0.0)
+    _, colour, shape = METHODS.get(row["method"], (row["method"], *OTHER))
+    at, level = x(max(float(row[key]), x.low)), y(max(value, y.low))
+    low, high = y(max(value - 2.0 * se, y.low)), y(max(value + 2.0 * se, y.low))
+    said = (
+        f"{row['method']}, {row['setting']}: {percent(value)} ± {percent(2.0 * se, 2)}, "
+        f"{amount('probes', row['probes'])} probes, {amount('bytes', row['bytes'])}, "
+        f"update {amount('update_ms', row['update_ms'])}"
+    )
+    bar = tag("line", x1=at, x2=at, y1=low, y2=high, stroke=colour, stroke_width=1.5)
+    title = tag("title", escaped(said))
+    return tag("g", title, bar, _shape(shape, at, level, colour, hollow=value <= 0.0))
+
+
+def _shape(shape: str, x: float, y: float, colour: str, hollow: bool = False, r: float = 5.0) -> str:
+    paint = {"fill": "none" if hollow else colour, "stroke": colour}
+    if shape == "circle":
+        return tag("circle", cx=x, cy=y, r=r, **paint)
+    if shape == "square":
+        return tag("rect", x=x - r * 0.9, y=y - r * 0.9, width=r * 1.8, height=r * 1.8, **paint)
+    triangle, diamond = ((0.0, -1.2), (1.1, 0.8), (-1.1, 0.8)), ((0.0, -1.2), (1.2, 0.0), (0.0, 1.2), (-1.2, 0.0))
+    corners = triangle if shape == "triangle" else diamond
+    return tag("polygon", points=" ".join(f"{x + r * a:.2f},{y + r * b:.2f}" for a, b in corners), **paint)
+
+
+def _legend(rows: Sequence[Row]) -> str:
+    parts, x = [], LEFT + 20.0
+    for method in dict.fromkeys(row["method"] for row in rows):
+        label, colour, shape = METHODS.get(method, (method, *OTHER))
+        parts += [_shape(shape, x, 20.0, colour), text(label, x + 12.0, 24.5)]
+        x += 34.0 + 7.2 * len(label)
+    parts.append(tag("line", x1=x, x2=x + 26.0, y1=20.0, y2=20.0, stroke="currentColor", stroke_width=1.6))
+    parts += [text("Pareto front", x + 32.0, 24.5), text("bars: ± 2 standard errors", x + 138.0, 24.5)]
+    return tag("g", *parts)

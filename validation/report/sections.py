@@ -1,0 +1,189 @@
+"""What the page shows of a scene, as plain values for the template: no markup, no arithmetic in the template."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..record import JsonObject
+from .embed import broken_pixels, data_uri, fallback, pixels
+from .overlay import draw_probes, level_colours, surface_marks
+from .pictures import SceneView, png_bytes
+from .verdict import floor_ratio, headline, warnings
+from .words import COSTS, MEANINGS, SUFFIXES, amount, judge, meaning, number, percent, written
+
+SETS = ("relrmse", "bias", "p99", "floor_l1", "reference_noise")
+PRIMARY = ("real_probes", "bake_s", "update_ms")
+SAID = {"good": "good", "over": "over", "unsure": "cannot tell", "": ""}
+MARKED = 10
+POINTS = {"camera": SUFFIXES[""], "surface": SUFFIXES["_surface"], "volume": SUFFIXES["_volume"]}
+
+
+def cell(metrics: Mapping[str, Any], name: str) -> JsonObject | None:
+    """One metric as text: value, interval, sample count, judgement."""
+    if name not in metrics:
+        return None
+    metric = metrics[name]
+    known, _, _ = meaning(name)
+    value, spread = written(metric, known.kind if known else "plain", str(metric.get("unit", "")))
+    judged = judge(metric, known.limit if known else None)
+    noise = bool(metric.get("below_noise"))
+    return {
+        "value": value,
+        "spread": spread,
+        "n": f"{metric['n']:,}",
+        "below": noise,
+        "judged": judged,
+        "said": SAID[judged],
+    }
+
+
+def summary_row(scene: Mapping[str, Any]) -> JsonObject:
+    """A scene's line in the table on top."""
+    metrics, cost = scene.get("metrics", {}), scene.get("cost", {})
+    ratio = floor_ratio(metrics)
+    return {
+        "name": scene["name"],
+        "status": scene["status"],
+        "head": headline(scene),
+        "warnings": warnings(scene),
+        "errors": [cell(metrics, f"relrmse{suffix}") for suffix in SUFFIXES],
+        "floor": cell(metrics, "floor_l1"),
+        "ratio": f"{ratio:.2f}\u00d7" if ratio is not None else "",
+        "leak": cell(metrics, "leak"),
+        "cost": {key: amount(key, cost[key]) if key in cost else "" for key in PRIMARY},
+    }
+
+
+def scene_section(
+    scene: Mapping[str, Any], views: Sequence[tuple[SceneView, str]], provenance: Mapping[str, Any]
+) -> JsonObject:
+    """A scene's section. views: its cameras, each with the name of its EXR file."""
+    metrics = scene.get("metrics", {})
+    worst = list(scene.get("worst", []))
+    return {
+        "name": scene["name"],
+        "status": scene["status"],
+        "error": scene.get("error", ""),
+        "head": headline(scene),
+        "warnings": warnings(scene),
+        "sentence": sentence(metrics),
+        "views": [view_context(view, name, worst) for view, name in views],
+        "levels": level_rows(scene, [view for view, _ in views]),
+        "sets": [s for name in SETS if (s := set_row(metrics, name)) is not None],
+        "others": other_rows(metrics),
+        "worst": [worst_row(i, place) for i, place in enumerate(worst)],
+        "cost": cost_rows(scene.get("cost", {})),
+        "verdicts": [str(v) for v in scene.get("verdicts", [])],
+        "notes": list(scene.get("notes", [])),
+        "files": file_rows(scene.get("files", {})),
+        "command": str(scene.get("command", provenance.get("command", ""))),
+    }
+
+
+def sentence(metrics: Mapping[str, Any]) -> str:
+    """The error of a scene, said in one breath."""
+    error, floor = cell(metrics, "relrmse"), cell(metrics, "floor_l1")
+    if error is None:
+        return ""
+    said = f"At {error['n']} points the cameras see, the light is wrong by {error['value']} {error['spread']}".rstrip()
+    if floor is not None:
+        said += f"; exact L1 probes at those very points would be wrong by {floor['value']} {floor['spread']}".rstrip()
+    noise = metrics.get("reference_noise")
+    return said + (f". The reference itself carries {percent(float(noise['value']), 2)} of noise." if noise else ".")
+
+
+def view_context(view: SceneView, exr: str, worst: Sequence[Mapping[str, Any]]) -> JsonObject:
+    """One camera: fallback pictures, packed light, the probes, marks at the worst places it sees."""
+    pictures, pose = view.pictures, view.pose
+    points = np.array([place["position"] for place in worst[:MARKED]], np.float64).reshape(-1, 3)
+    drawn = data_uri(png_bytes(draw_probes(pictures, pose, view.dots), 128)) if view.dots is not None else ""
+    return {
+        "camera": pictures.camera,
+        "width": pictures.hit.shape[1],
+        "height": pictures.hit.shape[0],
+        "noise": percent(pictures.truth_noise, 2),
+        "noisy": pictures.truth_noise > 0.05,
+        "broken": broken_pixels(pictures),
+        "empty": not bool(pictures.hit.any()),
+        "images": fallback(pictures),
+        "pixels": pixels(pictures),
+        "probes": drawn,
+        "exr": exr,
+        "marks": [(i + 1, round(x, 1), round(y, 1)) for i, x, y in surface_marks(pictures, pose, points)],
+    }
+
+
+def level_rows(scene: Mapping[str, Any], views: Sequence[SceneView]) -> list[JsonObject]:
+    """Counts by level and kind, with the colour of the level's dots."""
+    drawn = [int(v) for view in views if view.dots is not None for v in np.unique(view.dots.level)]
+    colours = level_colours(drawn)
+    rows = []
+    for row in scene.get("counts_by_level", []):
+        rgb = colours.get(row["level"])
+        size = row.get("voxel_m")
+        counts = {key: f"{row.get(key, 0):,}" for key in ("voxels", "real", "virtual", "invalid", "tiles")}
+        colour = "#{:02x}{:02x}{:02x}".format(*rgb) if rgb else ""
+        rows.append({"level": row["level"], "size": f"{number(size)} m" if size else "", "colour": colour, **counts})
+    return rows
+
+
+def set_row(metrics: Mapping[str, Any], base: str) -> JsonObject | None:
+    """One error metric at the three sets of points."""
+    cells = [cell(metrics, f"{base}{suffix}") for suffix in SUFFIXES]
+    if not any(cells):
+        return None
+    known = MEANINGS[base]
+    return {"name": base, "label": known.label, "says": known.says, "good": known.good, "cells": cells}
+
+
+def other_rows(metrics: Mapping[str, Any]) -> list[JsonObject]:
+    """All metrics that are not in the table of sets: the known ones in their order, then the unknown by name."""
+    shown = {f"{base}{suffix}" for base in SETS for suffix in SUFFIXES}
+    order = list(MEANINGS)
+    rows = []
+    for name in metrics:
+        if name in shown:
+            continue
+        known, base, suffix = meaning(name)
+        label = (known.label if known else name) + (f", {SUFFIXES[suffix]}" if suffix else "")
+        says, good = (known.says, known.good) if known else ("", "")
+        place = (order.index(base) if known else len(order), name)
+        rows.append((place, {"name": name, "label": label, "says": says, "good": good, "cell": cell(metrics, name)}))
+    return [row for _, row in sorted(rows, key=lambda pair: pair[0])]
+
+
+def worst_row(index: int, place: Mapping[str, Any]) -> JsonObject:
+    """A place with large error."""
+    return {
+        "index": index + 1,
+        "set": POINTS.get(place["set"], place["set"]),
+        "position": ", ".join(f"{v:.3f}" for v in place["position"]),
+        "ours": "  ".join(number(float(v)) for v in place["ours"]),
+        "truth": "  ".join(number(float(v)) for v in place["truth"]),
+        "relative": f"{100.0 * place['relative']:+,.0f} %",
+    }
+
+
+def cost_rows(cost: Mapping[str, Any]) -> list[JsonObject]:
+    """Costs with a unit and a word of explanation, the known ones first."""
+    keys = [key for key in COSTS if key in cost] + sorted(key for key in cost if key not in COSTS)
+    return [
+        {"name": COSTS.get(key, (key, ""))[0], "says": COSTS.get(key, ("", ""))[1], "value": amount(key, cost[key])}
+        for key in keys
+    ]
+
+
+def file_rows(files: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """(what, path) of every file the record lists, nested lists and tables flattened."""
+    rows: list[tuple[str, str]] = []
+    for what, where in files.items():
+        if isinstance(where, Mapping):
+            rows += [(f"{what} {inner}", path) for inner, path in file_rows(where)]
+        elif isinstance(where, list):
+            rows += [(what, str(path)) for path in where]
+        else:
+            rows.append((what, str(where)))
+    return rows

@@ -1,0 +1,120 @@
+"""The main job: scenes in, results.json, pictures and the page out. What did not change is recalled, not recomputed."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..fastpath.device import OpenDevice, open_device
+from ..reference.datatypes import Scene
+from ..reference.errors import InputError
+from ..reference.scene import load_scene
+from ..reference.variant import ensure_variant
+from . import cache
+from .measure import measure_scene
+from .progress_bar import ProgressBar
+from .provenance import provenance
+from .report.page import write_report
+from .report.pictures import CameraPictures, CameraPose, ProbeDots, SceneView
+
+MEASURED_BY = ("reference", "fastpath", "validation/metrics")
+
+
+def run_scenes(
+    sources: Sequence[Path], overrides: Mapping[str, Any], seed: int, out: Path, quiet: bool, command: str
+) -> dict[str, Any]:
+    """Measure every scene and write the report into `out`; returns the results object.
+
+    All scenes are read before the first is measured. Raises InputError for bad input, EnvironmentLacks for a machine
+    that cannot run; on Ctrl-C what is finished stays in the cache, and the same command goes on from there.
+    """
+    ensure_variant()
+    device = open_device()
+    scenes = load_all(sources, overrides)
+    records, views = [], []
+    for scene in scenes:
+        with ProgressBar(scene.name, quiet) as progress:
+            record, pictures = recalled(scene, device, seed, progress, alone=len(scenes) == 1)
+        records.append(record)
+        views += pictures
+    results = {
+        "schema": 1,
+        "provenance": provenance(device, overrides, seed, command),
+        "scenes": records,
+        "charts": kept_charts(scenes, seed),
+    }
+    write_report(out, results, views)
+    return results
+
+
+def load_all(sources: Sequence[Path], overrides: Mapping[str, Any]) -> list[Scene]:
+    """Read the scenes. Raises InputError for a bad one, or two of one name (their files would overwrite each other)."""
+    scenes = [load_scene(path, overrides) for path in sources]
+    names = [s.name for s in scenes]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise InputError(f"two scenes are called {', '.join(twice)}: run them one at a time, with an --out each")
+    return scenes
+
+
+def result_key(scene: Scene, seed: int) -> str:
+    """Key of a finished result: all that it depends on."""
+    return cache.key("result", scene.content_hash, scene.name, seed, cache.code_hash(*MEASURED_BY, "validation"))
+
+
+def recalled(
+    scene: Scene, device: OpenDevice, seed: int, progress: ProgressBar, alone: bool
+) -> tuple[dict[str, Any], list[SceneView]]:
+    """Measure, or recall what was measured before. A scene that cannot be measured fails alone, unless it is `alone`."""
+    name = result_key(scene, seed)
+    kept = cache.load("result", name)
+    if kept is not None:
+        return unpack(kept)
+    try:
+        record, views = measure_scene(scene, device, seed, progress)
+    except InputError as error:
+        if alone:
+            raise
+        return {"name": scene.name, "status": "failed", "error": str(error), "notes": list(scene.notes)}, []
+    cache.store("result", name, pack(record, views))
+    return record, views
+
+
+def pack(record: Mapping[str, Any], views: Sequence[SceneView]) -> cache.Arrays:
+    """A result as arrays."""
+    arrays: cache.Arrays = {"record": cache.pack_json(record), "views": np.array(len(views))}
+    for i, view in enumerate(views):
+        fields = dataclasses.asdict(view.pictures)
+        arrays |= {f"{i}.{k}": v for k, v in fields.items() if isinstance(v, np.ndarray)}
+        plain = {k: v for k, v in fields.items() if not isinstance(v, np.ndarray)}
+        arrays[f"{i}.plain"] = cache.pack_json({"pictures": plain, "pose": dataclasses.asdict(view.pose)})
+        if view.dots is not None:
+            arrays |= {f"{i}.dots.{k}": v for k, v in dataclasses.asdict(view.dots).items()}
+    return arrays
+
+
+def unpack(arrays: cache.Arrays) -> tuple[dict[str, Any], list[SceneView]]:
+    """Inverse of `pack`."""
+    views = []
+    for i in range(int(arrays["views"])):
+        plain = cache.unpack_json(arrays[f"{i}.plain"])
+        own = {k.split(".", 1)[1]: v for k, v in arrays.items() if k.startswith(f"{i}.") and k != f"{i}.plain"}
+        dots = {k.removeprefix("dots."): v for k, v in own.items() if k.startswith("dots.")}
+        images = {k: v for k, v in own.items() if not k.startswith("dots.")}
+        pictures = CameraPictures(**images, **plain["pictures"])
+        views.append(SceneView(pictures, CameraPose(**plain["pose"]), ProbeDots(**dots) if dots else None))
+    return cache.unpack_json(arrays["record"]), views
+
+
+def kept_charts(scenes: Sequence[Scene], seed: int) -> list[dict[str, Any]]:
+    """Charts made before for exactly these scenes, to show beside them."""
+    charts = []
+    for scene in scenes:
+        kept = cache.load("chart", result_key(scene, seed))
+        if kept is not None:
+            charts.append(cache.unpack_json(kept["chart"]))
+    return charts

@@ -1,0 +1,125 @@
+"""What each verb does. Every function takes the parsed arguments and returns an exit code; errors are raised."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ..reference.errors import InputError
+
+GOOD, FAILED, BAD_INPUT, LACKING, OUR_FAULT, STOPPED = 0, 1, 2, 3, 4, 130
+
+
+def print_json(value: Any) -> None:
+    """One JSON object on standard output. ValueError on NaN or infinity."""
+    from .record import dumps
+
+    sys.stdout.write(dumps(value))
+
+
+def doctor(arguments: Namespace) -> int:
+    """Examine the machine."""
+    from . import doctor as doctor_module
+
+    with contextlib.redirect_stdout(sys.stderr):
+        examination = doctor_module.examine()
+    if arguments.json:
+        print_json(doctor_module.as_json(examination))
+    else:
+        print(doctor_module.as_text(examination))
+    return GOOD if examination.ok else LACKING
+
+
+def run(arguments: Namespace) -> int:
+    """The main job on the named scenes."""
+    from .sources import resolve_scene
+
+    return _measure(arguments, [resolve_scene(name) for name in arguments.scene], _run_scenes)
+
+
+def report(arguments: Namespace) -> int:
+    """The main job on all bundled scenes."""
+    from .sources import bundled_scenes
+
+    return _measure(arguments, bundled_scenes(), _run_scenes)
+
+
+def chart(arguments: Namespace) -> int:
+    """Many settings of the named scenes."""
+    from .sources import resolve_scene
+
+    return _measure(arguments, [resolve_scene(name) for name in arguments.scene], _chart_scenes)
+
+
+def _run_scenes(*values: Any) -> dict[str, Any]:
+    from .run import run_scenes
+
+    return run_scenes(*values)
+
+
+def _chart_scenes(*values: Any) -> dict[str, Any]:
+    from .chart import chart_scenes
+
+    return chart_scenes(*values)
+
+
+def _measure(arguments: Namespace, sources: list[Path], work: Callable[..., dict[str, Any]]) -> int:
+    """Run `work` on the scenes; print its results object, or a table of it. 1 if a scene failed."""
+    from . import summary
+    from .options import read_overrides
+
+    overrides = read_overrides(arguments.config, arguments.assignments)
+    check_out(arguments.out)
+    with contextlib.redirect_stdout(sys.stderr):  # whatever a library prints, standard output is ours
+        results = work(
+            list(dict.fromkeys(sources)), overrides, arguments.seed, arguments.out, arguments.quiet, arguments.command
+        )
+    if arguments.json:
+        print_json(results)
+    else:
+        print(summary.results_table(results))
+        print(summary.where(arguments.out))
+    return GOOD if all(scene["status"] == "ok" for scene in results["scenes"]) else FAILED
+
+
+def check_out(out: Path) -> None:
+    """Raise InputError now, not after the work, if nothing can be written to `out`. Creates nothing."""
+    place = out.absolute()
+    while not place.exists():
+        place = place.parent
+    if not place.is_dir():
+        raise InputError(f"--out {out}: {place} is not a folder")
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise InputError(f"--out {out}: {place} may not be written to")
+
+
+def gate(arguments: Namespace) -> int:
+    """Judge a run."""
+    from . import gate_output, gates
+    from .record import write_bytes_atomic
+
+    limits = gates.only(gates.load_gates(arguments.gates), arguments.scene)
+    judged = gates.judge(gates.load_run(arguments.run), limits)
+    for path, render in ((arguments.junit, gate_output.junit), (arguments.markdown, gate_output.markdown)):
+        if path is not None:
+            check_out(path.absolute().parent)
+            write_bytes_atomic(path, render(judged).encode())
+    if arguments.json:
+        print_json(gate_output.as_json(judged, arguments.run, arguments.gates))
+    else:
+        print("\n".join(gate_output.lines(judged)))
+    return GOOD if judged.ok else FAILED
+
+
+VERBS: dict[str, Callable[[Namespace], int]] = {
+    "doctor": doctor,
+    "run": run,
+    "report": report,
+    "chart": chart,
+    "gate": gate,
+}
