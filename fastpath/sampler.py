@@ -60,8 +60,7 @@ class Sampler:
         irradiance, levels = np.empty((n, 3), np.float32), np.empty(n, np.int32)
         weight = np.empty(n, np.float32)
         outs = [cl.Buffer(context, cl.mem_flags.WRITE_ONLY, a.nbytes) for a in (irradiance, levels, weight)]
-        lod = np.int32(lod or self._level)
-        arguments = (*self._textures, self._indirection, self._lods, self._grid, lod, p, d, *outs)
+        arguments = (*self._textures, self._indirection, self._lods, self._grid, np.int32(lod or self._level), p, d, *outs)
         event = self._kernel(queue, (n,), None, *arguments)
         event.wait()
         self.seconds = (event.profile.end - event.profile.start) * 1e-9
@@ -110,5 +109,3 @@ def _image_args(device: OpenDevice, cache: CacheTextures) -> list[Any]:
     images.append(cl.create_image(device.context, flags, order, shape, hostbuf=weight))
     linear = cl.Sampler(device.context, False, cl.addressing_mode.CLAMP_TO_EDGE, cl.filter_mode.LINEAR)
     return [*images, linear]
-
-

@@ -14,13 +14,13 @@ from .errors import InputError
 from .lattice import Octree, make_grid
 from .placement.octree import build_octree, uniform_octree
 from .placement.voxel_bitmap import build_bitmap
-from .transport.direct import arriving, direct_on_patches, punctual_lights, visible
-from .transport.form_factors import FormFactors, patch_form_factors, probe_form_factors
+from .progress import Progress, silent
+from .sh import basis
+from .transport.direct import arriving, direct_on_patches, punctual_irradiance, punctual_lights, visible
+from .transport.form_factors import FormFactors, patch_form_factors, point_form_factors, probe_form_factors
 from .transport.gather import DeviceRows, gather, upload
 from .transport.patches import Patches, auto_patch_size, build_patches
 from .transport.radiosity import Radiosity, solve
-from .progress import Progress, silent
-from .sh import basis
 from .visibility import Geometry, build_geometry
 from .volume.indirection import build_indirection
 from .volume.layout import TileLayout, build_layout
@@ -104,13 +104,10 @@ def place_uniform(scene: Scene, surfaces: Surfaces, voxel: float) -> Octree:
 
 def probe_bounds(scene: Scene, g: Geometry) -> tuple[F64, F64]:
     """Bounds (3,), (3,) m of static geometry, moving meshes and volumes."""
-    lower = [g.lower, *(m.vertices.min(axis=0) for m in scene.meshes), *(np.asarray(v.min) for v in _volumes(scene))]
-    upper = [g.upper, *(m.vertices.max(axis=0) for m in scene.meshes), *(np.asarray(v.max) for v in _volumes(scene))]
+    volumes = scene.settings.volumes.values()
+    lower = [g.lower, *(m.vertices.min(axis=0) for m in scene.meshes), *(np.asarray(v.min) for v in volumes)]
+    upper = [g.upper, *(m.vertices.max(axis=0) for m in scene.meshes), *(np.asarray(v.max) for v in volumes)]
     return np.min(lower, axis=0), np.max(upper, axis=0)
-
-
-def _volumes(scene: Scene):  # type: ignore[no-untyped-def]
-    return scene.settings.volumes.values()
 
 
 def bake_probes(scene: Scene, surfaces: Surfaces, octree: Octree, seed: int, progress: Progress = silent) -> Probes:
@@ -120,9 +117,7 @@ def bake_probes(scene: Scene, surfaces: Surfaces, octree: Octree, seed: int, pro
     """
     clock = Clock()
     s = scene.settings.placement
-    rows = probe_form_factors(
-        surfaces.geometry, surfaces.patches, octree.positions, s.probe_rays, seed + 3, progress
-    )
+    rows = probe_form_factors(surfaces.geometry, surfaces.patches, octree.positions, s.probe_rays, seed + 3, progress)
     valid = rows.back_share <= s.backface_tolerance
     clock.lap("probe_form_factors")
     if not valid.any():
@@ -171,6 +166,20 @@ def update(scene: Scene, surfaces: Surfaces, probes: Probes, light: PatchLight) 
     texels = fill_tiles(probes.layout, probe_texels(coefficients, probes.valid))
     clock.lap("tiles")
     return Update(light.radiosity, coefficients, texels, clock.seconds)
+
+
+def gather_at_points(
+    scene: Scene, surfaces: Surfaces, light: PatchLight, positions: F64, normals: F64, seed: int
+) -> F64:
+    """Irradiance (N, 3), W·m⁻², gathered by rays straight from the patches at points (N, 3) with unit normals (N, 3):
+    what probes of unlimited number and order would give."""
+    rays = scene.settings.radiosity.rays
+    g = surfaces.geometry
+    rows = point_form_factors(g, surfaces.patches, positions, normals, rays, seed + 5, silent)
+    total = gather(upload(rows), light.radiosity.light)[:, 0].astype(np.float64)
+    for item in punctual_lights(scene, "input"):
+        total += punctual_irradiance(g, item, positions, normals)
+    return total
 
 
 def punctual_input(scene: Scene, g: Geometry, positions: F64) -> F32:

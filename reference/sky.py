@@ -28,7 +28,7 @@ def sky_radiance(sky: Sky, directions: npt.NDArray[np.floating]) -> F64:
     z = math.sin(a) * d[:, 0] + math.cos(a) * d[:, 2]
     height, width = sky.image.shape[:2]
     u = np.arctan2(x, -z) / (2.0 * math.pi) * width - 0.5
-    v = np.arccos(np.clip(d[:, 1], -1.0, 1.0)) / math.pi * height - 0.5
+    v = np.arccos(np.clip(d[:, 1], -1.0, 1.0)) / math.pi * (height - 1)  # first and last row lie at the poles
     u0, v0 = np.floor(u), np.floor(v)
     fu, fv = (u - u0)[:, None], (v - v0)[:, None]
     c0, c1 = (u0.astype(int) % width), ((u0.astype(int) + 1) % width)

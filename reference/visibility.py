@@ -2,7 +2,7 @@
 
 One merged Embree mesh, so that the primitive index is the triangle's number in the whole scene. Rays are cast in a
 unit box (centre 0, half extent 1): epsilons are then relative to the scene, and closed edges far from the origin do
-not leak (failure-catalogue A1, A2, A11). Dr.Jit arrays inside; callers get them back and decide when to evaluate.
+not leak (failure-catalogue A1, A2, A11). Dr.Jit arrays inside.
 """
 
 from __future__ import annotations
@@ -151,8 +151,9 @@ def cast(g: Geometry, origins: Any, directions: Any, reach: float | None = None)
     triangle = dr.select(hit, found.prim_index, 0)
     normal = dr.gather(mi.Vector3f, g.device_normals, triangle, hit)
     front = dr.dot(normal, mi.Vector3f(directions)) < 0
-    t = dr.select(hit, found.t * g.scale, dr.inf)
-    return Hits(hit, t, triangle, found.prim_uv.x, found.prim_uv.y, hit & front)
+    hits = Hits(hit, dr.select(hit, found.t * g.scale, dr.inf), triangle, found.prim_uv.x, found.prim_uv.y, hit & front)
+    dr.eval(hits.hit, hits.t, hits.triangle, hits.u, hits.v, hits.front)  # one by one would trace the rays again
+    return hits
 
 
 def occluded(g: Geometry, origins: Any, directions: Any, distance: Any) -> Any:
@@ -179,4 +180,3 @@ def vectors(directions: npt.NDArray[np.floating]) -> Any:
     import mitsuba as mi
 
     return mi.Vector3f(np.ascontiguousarray(np.asarray(directions).T, dtype=np.float32))
-

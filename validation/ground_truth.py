@@ -23,7 +23,6 @@ from ..reference.truth.points import CameraView, Points, PointSet, choose_points
 from ..reference.visibility import Geometry, build_geometry
 from . import cache
 
-
 # Only the camera's points get the noise asked for; the other sets are half as many and carry this much more.
 OTHER_SETS_NOISE = 2.0
 

@@ -105,7 +105,8 @@ def unpack(arrays: cache.Arrays) -> tuple[dict[str, Any], list[SceneView]]:
         own = {k.split(".", 1)[1]: v for k, v in arrays.items() if k.startswith(f"{i}.") and k != f"{i}.plain"}
         dots = {k.removeprefix("dots."): v for k, v in own.items() if k.startswith("dots.")}
         images = {k: v for k, v in own.items() if not k.startswith("dots.")}
-        pictures = CameraPictures(**images, **plain["pictures"])
+        fields: dict[str, Any] = images | plain["pictures"]
+        pictures = CameraPictures(**fields)
         views.append(SceneView(pictures, CameraPose(**plain["pose"]), ProbeDots(**dots) if dots else None))
     return cache.unpack_json(arrays["record"]), views
 

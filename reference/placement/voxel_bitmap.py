@@ -105,5 +105,3 @@ def dilate(voxels: I64, limit: I64) -> I64:
     """The voxels (N, 3) and all their 26 neighbours within 0 … `limit` (3,)."""
     grown = unique_cells((voxels[:, None, :] + NEIGHBOURS[None]).reshape(-1, 3))
     return grown[((grown >= 0) & (grown <= limit)).all(axis=1)]
-
-

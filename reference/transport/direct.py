@@ -16,7 +16,6 @@ from ..datatypes import F64, Scene
 from ..directions import rotate, rotations, sobol
 from ..progress import Progress
 from ..visibility import Geometry, occluded, points_on_triangles, to_box, vectors
-
 from .patches import Patches, surface_samples
 
 

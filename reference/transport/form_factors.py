@@ -69,9 +69,7 @@ def patch_form_factors(g: Geometry, p: Patches, rays: int, seed: int, progress: 
         xi = rotate(table[None], offsets[rows][:, None, :])
         points, normals = surface_samples(g, p, rows, xi[..., :3])
         points, normals = points.reshape(-1, 3), normals.reshape(-1, 3)
-        tangent, bitangent = frames(normals)
-        local = cosine_hemisphere(xi[..., 3:]).reshape(-1, 3)
-        directions = local[:, :1] * tangent + local[:, 1:2] * bitangent + local[:, 2:] * normals
+        directions = _turned(cosine_hemisphere(xi[..., 3:]).reshape(-1, 3), normals)
         columns, _ = hit_columns(g, p, points, normals, directions)
         columns = columns.reshape(len(rows), rays)
         weights = np.full((*columns.shape, 1), 1.0 / rays, dtype=np.float32)
@@ -98,9 +96,30 @@ def probe_form_factors(
     return _rows(p, len(positions), rays, batch, progress, "form factors of probes")
 
 
-def hit_columns(
-    g: Geometry, p: Patches, origins: F64, normals: F64 | None, directions: F64
-) -> tuple[I32, Bool]:
+def point_form_factors(
+    g: Geometry, p: Patches, positions: F64, normals: F64, rays: int, seed: int, progress: Progress
+) -> FormFactors:
+    """Form factors of surface elements at `positions` (R, 3) m with unit `normals` (R, 3), K = 1."""
+    table = sobol(rays, 2, seed)
+    offsets = rotations(len(positions), 2, seed)
+
+    def batch(rows: I64) -> tuple[I32, F32, F64]:
+        local = cosine_hemisphere(rotate(table[None], offsets[rows][:, None, :])).reshape(-1, 3)
+        normal = np.repeat(normals[rows], rays, axis=0)
+        columns, back = hit_columns(g, p, np.repeat(positions[rows], rays, axis=0), normal, _turned(local, normal))
+        weights = np.full((len(rows), rays, 1), 1.0 / rays, dtype=np.float32)
+        return columns.reshape(len(rows), rays), weights, back.reshape(len(rows), rays).mean(axis=1)
+
+    return _rows(p, len(positions), rays, batch, progress, "form factors of points")
+
+
+def _turned(local: F64, normals: F64) -> F64:
+    """Directions (N, 3) about +z turned to be about `normals` (N, 3)."""
+    tangent, bitangent = frames(normals)
+    return np.asarray(local[:, :1] * tangent + local[:, 1:2] * bitangent + local[:, 2:] * normals)
+
+
+def hit_columns(g: Geometry, p: Patches, origins: F64, normals: F64 | None, directions: F64) -> tuple[I32, Bool]:
     """Column (N,) each ray ends in, and whether it met the inside of something."""
     hits = cast(g, to_box(g, origins, normals), vectors(directions))
     found, front = np.array(hits.hit), np.array(hits.front)

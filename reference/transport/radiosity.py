@@ -45,7 +45,9 @@ def solve(scene: Scene, p: Patches, rows: DeviceRows, direct: F64, tolerance: fl
     """
     worst = float(p.albedo.max(initial=0.0))
     if worst >= MAX_ALBEDO:
-        raise ValueError(f"largest patch albedo must be under {MAX_ALBEDO} for the radiosity to converge, got {worst:.4f}")
+        raise ValueError(
+            f"largest patch albedo must be under {MAX_ALBEDO} for the radiosity to converge, got {worst:.4f}"
+        )
     sky = np.pi * bin_radiance(scene.sky)
     engine_sky = scene.sky is not None and scene.sky.engine_lit
     b = p.exitance + p.albedo * direct

@@ -146,7 +146,11 @@ def _punctual(light: Punctual, centre: F64, scale: float) -> dict[str, Any]:
     import mitsuba as mi
 
     if isinstance(light, DirectionalLight):
-        return {"type": "directional", "direction": list(light.direction), "irradiance": _rgb(np.array(light.irradiance))}
+        return {
+            "type": "directional",
+            "direction": list(light.direction),
+            "irradiance": _rgb(np.array(light.irradiance)),
+        }
     position = (np.asarray(light.position) - centre) / scale
     # Lengths shrink by `scale`; 1/d² grows, so the intensity shrinks by its square.
     intensity = _rgb(np.array(light.intensity) / scale**2)
@@ -154,7 +158,9 @@ def _punctual(light: Punctual, centre: F64, scale: float) -> dict[str, Any]:
         return {"type": "point", "position": position.tolist(), "intensity": intensity}
     axis = np.asarray(light.direction) / np.linalg.norm(light.direction)
     up = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    to_world = mi.ScalarTransform4f().look_at(origin=position.tolist(), target=(position + axis).tolist(), up=up.tolist())
+    to_world = mi.ScalarTransform4f().look_at(
+        origin=position.tolist(), target=(position + axis).tolist(), up=up.tolist()
+    )
     angles = {"cutoff_angle": light.cutoff_deg, "beam_width": light.beam_deg}
     return {"type": "spot", "to_world": to_world, "intensity": intensity, **angles}
 

@@ -4,7 +4,7 @@ At a point with normal n, rays gather what comes from their first hit without th
 (failure-catalogue F1: far less noise than the difference of two renders):
 
     E      = ∫ L(ω) max(n·ω, 0) dω       directions follow the cosine
-    E_L1   = ∫ L(ω) (1/4 + n·ω/2) dω     directions uniform: what exact L1 radiance SH at the very point would give, the
+    E_L1   = ∫ L(ω) (1/4 + n·ω/2) dω     what exact L1 radiance SH at the very point would give: the
                                          floor of the method
 
 `BATCHES` independent randomisations give means, standard errors and two independent halves.
@@ -29,7 +29,7 @@ from .points import Points
 BATCHES = 8
 LANES = 1 << 20  # paths per launch
 SAMPLES = 64  # per point and randomisation in a pass: stratified together
-FLOOR_SPP = 512  # the floor's noise cancels in the cross-half estimator: a few paths are enough
+FLOOR_SHARE, FLOOR_LEAST = 4, 1024  # paths of the floor: a quarter; its noise cancels in the cross-half estimator
 ROULETTE_DEPTH = 4
 
 
@@ -84,7 +84,8 @@ def estimate(t: TruthScene, points: Points, s: TruthSettings, depth: int, seed: 
         if result.noise > 0:
             needed = min(s.max_spp, math.ceil(result.spp * (result.noise / s.noise) ** 2))
         progress("ground truth", min(result.spp, needed), max(needed, 1))
-    floor = _trace_all(t, points, depth, FLOOR_SPP // BATCHES, BATCHES, [seed, 1 << 30], True)
+    floor_spp = 2 ** math.ceil(math.log2(max(FLOOR_LEAST, result.spp // FLOOR_SHARE)))
+    floor = _trace_all(t, points, depth, floor_spp // BATCHES, BATCHES, [seed, 1 << 30], True)
     return Estimate(result.irradiance, floor, result.spp, depth)
 
 
@@ -95,20 +96,18 @@ def picture(t: TruthScene, points: Points, spp: int, depth: int, seed: int, prog
     step = max(1, LANES // (2 * each))
     parts = []
     for begin in range(0, n, step):
-        part = Points(*(a[begin : begin + step] for a in (points.positions, points.normals, points.mesh)))
+        part = points.part(slice(begin, begin + step))
         parts.append(_trace(t, part, depth, each, 2, [seed, 1 << 20, begin], False))
         progress("truth picture", min(begin + step, n), n)
     return Estimate(np.concatenate(parts, axis=1), None, 2 * each, depth)
 
 
-def _trace_all(
-    t: TruthScene, points: Points, depth: int, each: int, batches: int, seed: list[int], l1: bool
-) -> F64:
+def _trace_all(t: TruthScene, points: Points, depth: int, each: int, batches: int, seed: list[int], l1: bool) -> F64:
     """`_trace` in launches of at most about LANES paths."""
     step = max(1, LANES // (each * batches))
     parts = []
     for begin in range(0, len(points.positions), step):
-        part = Points(*(a[begin : begin + step] for a in (points.positions, points.normals, points.mesh)))
+        part = points.part(slice(begin, begin + step))
         parts.append(_trace(t, part, depth, each, batches, [*seed, begin], l1))
     return np.concatenate(parts, axis=1)
 
@@ -129,12 +128,15 @@ def _trace(t: TruthScene, points: Points, depth: int, each: int, batches: int, s
     local = ((points.positions - t.centre) / t.scale).astype(np.float32)
     origin = dr.gather(mi.Point3f, mi.Float(local.ravel()), point) + normal * (LIFT * HALF_EXTENT)
     xi = _stratified(each, lane // each, s, n * batches, rng)
+    cosine_direction = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(xi))
     if l1:
-        direction = mi.warp.square_to_uniform_sphere(xi)
-        weight = (0.25 + 0.5 * dr.dot(normal, direction)) * (4 * dr.pi)
+        # Half the net follows the cosine, half the sphere (balance heuristic; Veach 1997). Not by parity: the even
+        # points of a Sobol net fill one half of the square.
+        direction = dr.select(s < each // 2, cosine_direction, mi.warp.square_to_uniform_sphere(xi))
+        cosine = dr.dot(normal, direction)
+        weight = (0.25 + 0.5 * cosine) / (0.5 * dr.maximum(cosine, 0.0) * dr.inv_pi + 0.5 * dr.inv_four_pi)
     else:
-        direction = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(xi))
-        weight = mi.Float(dr.pi)
+        direction, weight = cosine_direction, mi.Float(dr.pi)
     radiance = _indirect_radiance(t, mi.RayDifferential3f(mi.Ray3f(origin, direction)), sampler, depth)
     lit = [radiance[c] * weight for c in range(3)]
     dr.eval(lit)  # together: each sum by itself would trace all paths again

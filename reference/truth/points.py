@@ -29,6 +29,10 @@ class Points:
     normals: F64
     mesh: I32
 
+    def part(self, chosen: slice | npt.NDArray[np.integer]) -> Points:
+        """Some of the points, in the order of `chosen`."""
+        return Points(self.positions[chosen], self.normals[chosen], self.mesh[chosen])
+
 
 @dataclass(frozen=True, eq=False)
 class CameraView:
@@ -75,7 +79,9 @@ def view(scene: Scene, g: Geometry, name: str, xy: npt.NDArray[np.floating]) -> 
     triangle, front = np.array(hits.triangle).astype(np.int64), np.array(hits.front)
     found &= front | g.two_sided[triangle]
     if not found.any():
-        raise InputError(f"scene '{scene.name}', cameras.{name}: sees no surface; aim cameras.{name}.target at the scene")
+        raise InputError(
+            f"scene '{scene.name}', cameras.{name}: sees no surface; aim cameras.{name}.target at the scene"
+        )
     uv = np.stack([np.array(hits.u), np.array(hits.v)], axis=1).astype(np.float64)[found]
     points = _on_triangles(g, triangle[found], uv, front[found])
     return CameraView(camera, found, points, np.array(hits.t, dtype=np.float64), triangle[found].astype(np.int32), uv)
@@ -113,7 +119,7 @@ def _camera_points(scene: Scene, g: Geometry, count: int, seed: int) -> Points |
     for i, name in enumerate(scene.settings.cameras):
         points = view(scene, g, name, sobol(4 * each, 2, seed + 100 + i)).points
         keep = np.flatnonzero(probe_lit[points.mesh])[:each]
-        parts.append(_take(points, keep))
+        parts.append(points.part(keep))
     return _join(parts)
 
 
@@ -164,11 +170,7 @@ def inside_share(g: Geometry, positions: F64, normals: F64 | None) -> F64:
 def _outside(g: Geometry, points: Points, normals: F64 | None, count: int) -> Points:
     """The first `count` points that are not inside anything."""
     keep = np.flatnonzero(inside_share(g, points.positions, normals) <= INSIDE_SHARE)[:count]
-    return _take(points, keep)
-
-
-def _take(points: Points, keep: npt.NDArray[np.integer]) -> Points:
-    return Points(points.positions[keep], points.normals[keep], points.mesh[keep])
+    return points.part(keep)
 
 
 def _join(parts: list[Points]) -> Points | None:
@@ -179,5 +181,3 @@ def _join(parts: list[Points]) -> Points | None:
         np.concatenate([p.normals for p in parts]),
         np.concatenate([p.mesh for p in parts]),
     )
-
-

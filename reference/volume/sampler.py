@@ -74,7 +74,9 @@ def locate(texture: VirtualTexture, lookup: F32, lod: I64) -> tuple[I64, I64]:
     i = texture.indirection
     cell = tile_cell(texture, lookup, lod)
     dims = i.dims[lod - 1]
-    texel = i.texels[i.first[lod - 1] + (cell[:, 0] * dims[:, 1] + cell[:, 1]) * dims[:, 2] + cell[:, 2]].astype(np.int64)
+    texel = i.texels[i.first[lod - 1] + (cell[:, 0] * dims[:, 1] + cell[:, 1]) * dims[:, 2] + cell[:, 2]].astype(
+        np.int64
+    )
     slot = (texel & 255) + i.cache[0] * (((texel >> 8) & 255) + i.cache[1] * ((texel >> 16) & 255))
     return slot, texel >> 24
 

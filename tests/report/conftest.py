@@ -107,7 +107,11 @@ def make_scene(name: str, error: float = 0.11, floor: float = 0.094, **extra: An
 def make_chart(scene: str = "cornell") -> JsonObject:
     rng = np.random.default_rng(3)
     rows = []
-    for method, counts in (("uniform", (27, 125, 729, 4913)), ("adaptive", (60, 150, 400, 900, 2100, 4100, 9000)), ("per_mesh", (8,))):
+    for method, counts in (
+        ("uniform", (27, 125, 729, 4913)),
+        ("adaptive", (60, 150, 400, 900, 2100, 4100, 9000)),
+        ("per_mesh", (8,)),
+    ):
         for n in counts:
             e = {"uniform": 1.9, "adaptive": 1.25, "per_mesh": 1.6}[method] * n**-0.42 * rng.uniform(0.9, 1.1)
             rows.append({

@@ -23,7 +23,9 @@ def measure_leak(ours: F64, reference: F64, dark: np.ndarray) -> dict[str, Measu
     if not dark.any() or dark.all():
         raise ValueError(f"leak needs dark and lit points, got {int(dark.sum())} dark of {len(dark)}")
     if reference[dark].any():
-        raise ValueError(f"the reference is not 0 in the dark set (worst {reference[dark].max():g}): the scene leaks itself")
+        raise ValueError(
+            f"the reference is not 0 in the dark set (worst {reference[dark].max():g}): the scene leaks itself"
+        )
     lit_reference, lit_ours = reference[~dark].mean(axis=1), ours[~dark].mean(axis=1)
     lit_mean = float(lit_reference.mean())
     share = np.abs(ours[dark]).mean(axis=1) / lit_mean

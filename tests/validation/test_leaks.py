@@ -1,0 +1,65 @@
+"""Leak and overdark on made-up data."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from lightgauge.validation.metrics.leaks import in_boxes, measure_leak
+
+DARK = np.arange(10) < 4
+
+
+def reference() -> np.ndarray:
+    r = np.full((10, 3), 2.0)
+    r[DARK] = 0
+    return r
+
+
+def test_the_truth_neither_leaks_nor_darkens() -> None:
+    found = measure_leak(reference(), reference(), DARK)
+    assert all(m.value == 0.0 for m in found.values())
+    assert found["leak"].n == 4 and found["overdark"].n == 6
+
+
+def test_a_leak_is_its_share_of_the_lit_mean() -> None:
+    ours = reference()
+    ours[0] = 0.02
+    found = measure_leak(ours, reference(), DARK)
+    assert found["leak"].value == pytest.approx(0.01 / 4)
+    assert found["leak_worst"].value == pytest.approx(0.01)
+    assert found["leak_area"].value == 0.25 and found["overdark"].value == 0
+
+
+def test_black_everywhere_does_not_win() -> None:
+    found = measure_leak(np.zeros((10, 3)), reference(), DARK)
+    assert found["leak"].value == 0 and found["overdark"].value == 1.0
+
+
+def test_too_bright_is_not_overdark_and_negative_light_is_a_leak() -> None:
+    ours = reference() * 3
+    ours[1] = -0.2
+    found = measure_leak(ours, reference(), DARK)
+    assert found["overdark"].value == 0 and found["leak"].value == pytest.approx(0.1 / 4)
+
+
+def test_colours_do_not_cancel() -> None:
+    ours = reference()
+    ours[0] = (0.2, -0.2, 0.0)
+    assert measure_leak(ours, reference(), DARK)["leak"].value > 0.01
+
+
+def test_sets_are_checked() -> None:
+    for dark in (DARK | True, DARK & False):
+        with pytest.raises(ValueError, match="needs dark and lit points"):
+            measure_leak(reference(), reference(), dark)
+    lit = reference()
+    lit[2, 1] = 1e-9
+    with pytest.raises(ValueError, match="not 0 in the dark set"):
+        measure_leak(lit, lit, DARK)
+
+
+def test_in_boxes() -> None:
+    p = np.array([[0, 0, 0], [0.5, 0.5, 2], [5, 5, 5], [1, 1, 1.0]])
+    boxes = [(np.zeros(3), np.ones(3)), (np.full(3, 4.0), np.full(3, 6.0))]
+    assert in_boxes(p, boxes).tolist() == [True, False, True, True]
+    assert in_boxes(p, []).tolist() == [False] * 4

@@ -1,0 +1,74 @@
+"""A placement of a scene, baked, lit and on the device, with what it costs."""
+
+from __future__ import annotations
+
+import statistics
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..fastpath.device import OpenDevice
+from ..fastpath.layout import Storage
+from ..fastpath.sampler import Sampler
+from ..reference import pipeline
+from ..reference.datatypes import F64, Samples, Scene, VirtualTexture
+from ..reference.lattice import Octree
+from ..reference.progress import Progress
+from ..reference.truth.points import Points
+
+STORAGE: Storage = "half16"
+REPEATS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Baked:
+    """A scene through bake and update, and its texture on the device. cost: counts, bytes and milliseconds by name."""
+
+    scene: Scene
+    surfaces: pipeline.Surfaces
+    probes: pipeline.Probes
+    light: pipeline.PatchLight
+    texture: VirtualTexture
+    sampler: Sampler
+    cost: dict[str, float]
+
+
+def bake(
+    scene: Scene,
+    device: OpenDevice,
+    lit: tuple[pipeline.Surfaces, pipeline.PatchLight],
+    octree: Octree,
+    seed: int,
+    progress: Progress,
+) -> Baked:
+    """Probes and texture over surfaces that are baked and lit; the update is timed warm, median of REPEATS."""
+    surfaces, light = lit
+    probes = pipeline.bake_probes(scene, surfaces, octree, seed, progress)
+    first = pipeline.update(scene, surfaces, probes, light)  # compiles the kernel
+    updates = [pipeline.update(scene, surfaces, probes, light) for _ in range(REPEATS)]
+    texture = pipeline.virtual_texture(probes, first.texels)
+    sampler = Sampler(device, texture, STORAGE)
+    valid = int(probes.valid.sum())
+    cost = {
+        "real_probes": len(probes.valid),
+        "valid_probes": valid,
+        "invalid_probes": len(probes.valid) - valid,
+        "virtual_probes": probes.layout.virtual_probes,
+        "tiles": probes.layout.tiles,
+        "probe_bytes": probes.rows.bytes,
+        "texture_bytes": sampler.bytes,
+        "probe_update_ms": 1e3 * statistics.median(sum(u.seconds.values()) for u in updates),
+    }
+    return Baked(scene, surfaces, probes, light, texture, sampler, cost)
+
+
+def lifted(scene: Scene, texture: VirtualTexture, points: Points) -> F64:
+    """Where a receiver is sampled, (N, 3) m: off its surface along the normal, in finest voxels; free points stay."""
+    offset = scene.settings.sampling.normal_offset * texture.finest
+    on_surface = points.mesh >= 0
+    return np.asarray(points.positions + np.where(on_surface[:, None], offset, 0.0) * points.normals)
+
+
+def sample_points(baked: Baked, points: Points) -> Samples:
+    """Kernel samples at receivers."""
+    return baked.sampler(lifted(baked.scene, baked.texture, points), points.normals)

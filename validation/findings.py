@@ -1,0 +1,184 @@
+"""What is found out about a baked scene: errors by set of points, seams, twins, expectations, worst places."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..fastpath.device import OpenDevice
+from ..fastpath.layout import Storage
+from ..fastpath.sampler import Sampler
+from ..reference import pipeline
+from ..reference.datatypes import F32, Samples
+from ..reference.truth.analytic import closed_sphere_radiosity
+from ..reference.truth.points import PointSet
+from ..reference.volume.sampler import sample
+from ..reference.volume.tiles import stored
+from .bake import STORAGE, Baked, lifted
+from .ground_truth import GroundTruth
+from .metrics.error import Measured, measure_error, worst_points
+from .metrics.leaks import in_boxes, measure_leak
+from .metrics.seams import measure_seams, seam_points
+from .record import metric
+
+SEAM_FORMATS: dict[Storage, str] = {"float32": "", "half16": "_half", "half8": "_half8"}
+
+ABSENT: dict[PointSet, str] = {
+    "camera": "no camera",
+    "surface": "no mesh is lit by probes",
+    "volume": "no probe volume",
+}
+
+
+@dataclass(frozen=True)
+class Findings:
+    """metrics by name, as results.json holds them; notes: why a metric is absent."""
+
+    metrics: dict[str, Any]
+    notes: list[str]
+
+
+def find(baked: Baked, device: OpenDevice, truth: GroundTruth, sampled: Mapping[PointSet, Samples], seed: int) -> Findings:
+    """All metrics of a scene. sampled: kernel samples by set of points."""
+    metrics: dict[str, Any] = {}
+    notes: list[str] = []
+    _errors(metrics, notes, truth, sampled)
+    _patch_errors(metrics, baked, truth, seed)
+    _seams(metrics, baked, truth, seed)
+    _twins(metrics, baked, device, truth, sampled)
+    _expectations(metrics, notes, baked, truth, sampled)
+    return Findings(metrics, notes)
+
+
+def _add(metrics: dict[str, Any], values: dict[str, Measured], suffix: str = "") -> None:
+    for name, m in values.items():
+        extra = {"below_noise": True} if m.below_noise else {}
+        entry = metric(m.value, m.se, m.n, **extra)
+        if entry is not None:
+            metrics[name + suffix] = entry
+
+
+def _suffix(name: str) -> str:
+    return "" if name == "camera" else f"_{name}"
+
+
+def _errors(metrics: dict[str, Any], notes: list[str], truth: GroundTruth, sampled: Mapping[PointSet, Samples]) -> None:
+    """relrmse, bias, p99, floor_l1, their ratio and the reference's noise, per set of points."""
+    for name, why in ABSENT.items():
+        if name not in truth.points:
+            notes.append(f"no {name} metrics: the scene has no points there ({why})")
+            continue
+        e, s = truth.estimates[name], _suffix(name)
+        if e.irradiance.mean() <= 0.0:
+            notes.append(f"no {name} metrics: the reference is dark everywhere")
+            continue
+        ours = sampled[name].irradiance.astype(np.float64)
+        found = measure_error(ours, e.irradiance)
+        _add(metrics, found, s)
+        assert e.l1 is not None
+        floor = measure_error(e.l1, e.irradiance)["relrmse"]
+        _add(metrics, {"floor_l1": floor}, s)
+        if not (floor.below_noise or found["relrmse"].below_noise):
+            _add(metrics, {"relrmse_over_floor": _ratio(found["relrmse"], floor)}, s)
+        n = e.irradiance.shape[1]
+        _add(metrics, {"reference_noise": Measured(e.noise, e.noise / np.sqrt(2 * n * 3 * 7), n)}, s)
+        lost = float((sampled[name].level == 0).mean())
+        _add(metrics, {"unlit_share": Measured(lost, np.sqrt(lost * (1 - lost) / n), n)}, s)
+
+
+def _patch_errors(metrics: dict[str, Any], baked: Baked, truth: GroundTruth, seed: int) -> None:
+    """patch_relrmse, patch_bias: the error of light gathered by rays straight from the patches, without probes. What is
+    wrong already there, no placement can mend."""
+    for name, points in truth.points.items():
+        batches = truth.estimates[name].irradiance
+        if batches.mean() <= 0.0:
+            continue
+        ours = pipeline.gather_at_points(
+            baked.scene, baked.surfaces, baked.light, points.positions, points.normals, seed
+        )
+        found = measure_error(ours, batches)
+        _add(metrics, {"patch_relrmse": found["relrmse"], "patch_bias": found["bias"]}, _suffix(name))
+
+
+def _ratio(a: Measured, b: Measured) -> Measured:
+    value = a.value / b.value
+    return Measured(value, value * float(np.hypot(a.se / a.value, b.se / b.value)), a.n)
+
+
+def _seams(metrics: dict[str, Any], baked: Baked, truth: GroundTruth, seed: int) -> None:
+    """Border jumps near surfaces and everywhere else, in each storage format."""
+    texture = baked.texture
+    near = np.concatenate([lifted(baked.scene, texture, p) for p in truth.points.values()])
+    points = seam_points(texture, (near - texture.origin) / texture.finest, seed)
+    for storage, suffix in SEAM_FORMATS.items():
+        found = measure_seams(dataclasses.replace(texture, texels=stored(texture.texels, storage)), points, suffix)
+        _add(metrics, {k: v for k, v in found.items() if storage == "float32" or k.startswith("seam_sup")})
+    metrics["seam_sup"]["across_levels"] = points.across_levels
+
+
+def _twins(
+    metrics: dict[str, Any], baked: Baked, device: OpenDevice, truth: GroundTruth, sampled: Mapping[PointSet, Samples]
+) -> None:
+    """Kernel against the NumPy specification, and the image path of the kernel against the buffer path."""
+    name = next(iter(truth.points))
+    points = truth.points[name]
+    where = lifted(baked.scene, baked.texture, points)
+    stored_texture = dataclasses.replace(baked.texture, texels=stored(baked.texture.texels, STORAGE))
+    plain = sample(stored_texture, where, points.normals).irradiance
+    scale = max(float(np.abs(plain).mean()), 1e-30)
+    got = sampled[name].irradiance
+    images = Sampler(device, baked.texture, STORAGE, images=True)(where, points.normals).irradiance
+    n = len(plain)
+    _add(metrics, {"kernel_deviation": Measured(float(np.abs(got - plain).max()) / scale, 0.0, n)})
+    _add(metrics, {"image_filter_deviation": Measured(float(np.abs(images - got).max()) / scale, 0.0, n)})
+
+
+def _expectations(
+    metrics: dict[str, Any], notes: list[str], baked: Baked, truth: GroundTruth, sampled: Mapping[PointSet, Samples]
+) -> None:
+    """What the scene says of its right answer: dark boxes, closed forms, energy."""
+    expect, patches = baked.scene.settings.expect, baked.surfaces.patches
+    radiosity = baked.light.radiosity
+    _add(metrics, {"energy_residual": Measured(radiosity.energy_residual, 0.0, patches.count)})
+    if expect.closed_sphere:
+        exact = closed_sphere_radiosity(patches.area, patches.albedo, patches.exitance)
+        error = float((np.abs(radiosity.radiosity - exact) / exact).max())
+        _add(metrics, {"radiosity_error": Measured(error, 0.0, patches.count)})
+    if expect.dark:
+        boxes = [(np.asarray(b.min), np.asarray(b.max)) for b in expect.dark.values()]
+        names = [n for n in ("surface", "volume", "camera") if n in truth.points]
+        where = np.concatenate([truth.points[n].positions for n in names])
+        ours = np.concatenate([sampled[n].irradiance.astype(np.float64) for n in names])
+        reference = np.concatenate([truth.estimates[n].mean for n in names])
+        try:
+            _add(metrics, measure_leak(ours, reference, in_boxes(where, boxes)))
+        except ValueError as error:
+            notes.append(f"no leak metric: {error}")
+
+
+def worst(truth: GroundTruth, sampled: Mapping[PointSet, Samples]) -> list[dict[str, Any]]:
+    """The worst places of every set, beyond what noise explains."""
+    rows = []
+    for name, e in truth.estimates.items():
+        ours = sampled[name].irradiance.astype(np.float64)
+        mean, scale = e.mean, max(float(e.mean.mean()), 1e-30)
+        for i in worst_points(ours, e.irradiance):
+            rows.append(
+                {
+                    "set": name,
+                    "position": _triple(truth.points[name].positions[i]),
+                    "ours": _triple(ours[i]),
+                    "truth": _triple(mean[i]),
+                    "relative": float((ours[i] - mean[i]).mean() / scale),
+                }
+            )
+    return rows
+
+
+def _triple(v: npt.NDArray[np.floating] | F32) -> list[float]:
+    return [float(x) for x in v]
