@@ -6,6 +6,7 @@ Lengths are metres, radiometric values linear RGB. Unknown keys are errors that 
 
 from __future__ import annotations
 
+import json
 import math
 from typing import Annotated, Any, Literal
 
@@ -251,3 +252,12 @@ class SceneSettings(Frozen):
 def scene_json_schema() -> dict[str, Any]:
     """JSON Schema of `scene.toml`."""
     return SceneSettings.model_json_schema()
+
+
+def main() -> None:
+    """Print the JSON Schema of `scene.toml`."""
+    print(json.dumps(scene_json_schema(), indent=1, sort_keys=True, ensure_ascii=False))
+
+
+if __name__ == "__main__":
+    main()

@@ -39,10 +39,10 @@ tree_a_crown = { file = "tree_a_crown.ply", material = "leaves", probe_size = 1.
 # The talk's control: the right-hand tree at half the resolution.
 tree_b_trunk = { file = "tree_b_trunk.ply", material = "bark", probe_size = 2.0 }
 tree_b_crown = { file = "tree_b_crown.ply", material = "leaves", probe_size = 2.0 }
-house_walls = { file = "house_walls.ply", material = "plaster", probe_size = 0.5 }
-house_roof = { file = "house_roof.ply", material = "tiles", probe_size = 0.5 }
-house_floor = { file = "house_floor.ply", material = "wood", probe_size = 0.5 }
-house_partition = { file = "house_partition.ply", material = "teal", probe_size = 0.5 }
+house_walls = { file = "house_walls.ply", material = "plaster", probe_size = 0.25 }
+house_roof = { file = "house_roof.ply", material = "tiles", probe_size = 0.25 }
+house_floor = { file = "house_floor.ply", material = "wood", probe_size = 0.25 }
+house_partition = { file = "house_partition.ply", material = "teal", probe_size = 0.25 }
 
 [lights]
 sun = { type = "directional", direction = [-0.45, -0.55, -0.7], irradiance = [3.2, 2.9, 2.4], tag = "engine" }
@@ -57,10 +57,10 @@ outside = { origin = [11.0, 4.5, 15.0], target = [-0.5, 1.6, 0.0], fov_deg = 55.
 inside = { origin = [-3.4, 1.7, -2.3], target = [1.0, 1.0, 1.2], fov_deg = 85.0 }
 
 [placement]
-min_voxel = 0.5
+min_voxel = 0.25
 
 [radiosity]
-patch_size = 0.8
+patch_size = 1.1
 
 [truth]
 noise = 0.04

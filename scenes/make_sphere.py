@@ -34,6 +34,7 @@ min_voxel = 0.15
 
 [radiosity]
 patch_size = 0.2
+rays = 4096
 
 [truth]
 noise = 0.04

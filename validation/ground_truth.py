@@ -29,7 +29,7 @@ OTHER_SETS_NOISE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class GroundTruth:
-    """points and estimates by set; views and pictures by camera; seconds spent tracing (0: all kept from before)."""
+    """points and estimates by set; views and pictures by camera; seconds the tracing took, now or when it was kept."""
 
     points: dict[PointSet, Points]
     estimates: dict[PointSet, Estimate]
@@ -54,13 +54,11 @@ def ground_truth(scene: Scene, seed: int, progress: Progress) -> GroundTruth:
     kept = cache.load("truth", name)
     if kept is None:
         kept = _trace(scene, g, points, views, depth, seed, progress)
+        kept["seconds"] = np.array(time.perf_counter() - begin)
         cache.store("truth", name, kept)
-        seconds = time.perf_counter() - begin
-    else:
-        seconds = 0.0
     estimates = {s: _estimate(kept, s, depth) for s in points}
     pictures = {v: _estimate(kept, f"picture.{v}", depth) for v in views}
-    return GroundTruth(points, estimates, views, pictures, depth, seconds, g)
+    return GroundTruth(points, estimates, views, pictures, depth, float(kept["seconds"]), g)
 
 
 def truth_hash(scene: Scene) -> str:

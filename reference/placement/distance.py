@@ -18,13 +18,14 @@ def harmonic_mean(g: Geometry, positions: F64, rays: int, seed: int) -> F64:
     """Harmonic mean distance (N,) m from `positions` (N, 3) m, each with its own rotation of `rays` Fibonacci directions."""
     lattice = fibonacci_sphere(rays)
     result = np.empty(len(positions))
+    turns = random_rotations(len(positions), seed)
     step = max(1, RAYS_PER_BATCH // rays)
     for begin in range(0, len(positions), step):
         part = positions[begin : begin + step]
-        turns = random_rotations(len(part), seed + begin)
-        directions = np.einsum("nij,kj->nki", turns, lattice).reshape(-1, 3)
+        directions = np.einsum("nij,kj->nki", turns[begin : begin + step], lattice).reshape(-1, 3)
         hits = cast(g, to_box(g, np.repeat(part, rays, axis=0)), vectors(directions))
         with np.errstate(divide="ignore"):
-            inverse = (1.0 / np.array(hits.t, dtype=np.float64)).reshape(len(part), rays).sum(axis=1)
+            t = np.abs(np.array(hits.t, dtype=np.float64))  # -0 where the origin lies on the surface
+            inverse = (1.0 / t).reshape(len(part), rays).sum(axis=1)
             result[begin : begin + step] = rays / inverse
     return result

@@ -95,7 +95,7 @@ def triangles_touch_boxes(corners: F64, half: float) -> np.ndarray:
         for e in range(3):
             a = np.cross(edges[:, e], axis)
             projected = np.einsum("nvi,ni->nv", c, a)
-            reach = h * np.abs(a).sum(axis=1) + 1e-12 * half * np.abs(edges).max()
+            reach = h * np.abs(a).sum(axis=1) + 1e-12 * half * np.abs(edges).max(initial=0.0)
             ok &= (projected.min(axis=1) <= reach) & (projected.max(axis=1) >= -reach)
     touch[rows] = ok
     return touch

@@ -1,4 +1,4 @@
-"""Direct light: what punctual lights send to points, and what lights tagged `engine` put on patches.
+"""Direct light: what punctual lights send to points, and what they and lamps tagged `engine` put on patches.
 
 Point: E = I/d² · cosθ. Spot: the same times a ramp linear in angle between beam and cutoff. Directional: E⊥ · cosθ.
 Area lights tagged `engine`: one point of the lamp per sample of the patch, E = L cosθ cosθ' A / d² (all with shadow rays).
@@ -59,8 +59,8 @@ def punctual_irradiance(g: Geometry, light: Punctual, points: F64, normals: F64)
 
 
 def direct_on_patches(scene: Scene, g: Geometry, p: Patches, samples: int, seed: int, progress: Progress) -> F64:
-    """Mean irradiance (P, 3), W·m⁻², of every patch from point, spot, directional and area lights tagged `engine`."""
-    lights = punctual_lights(scene, "engine")
+    """Mean irradiance (P, 3), W·m⁻², of every patch from point, spot and directional lights and area lights tagged `engine`."""
+    lights = punctual_lights(scene, "engine") + punctual_lights(scene, "input")  # both are reflected
     lamps = [i for i, m in enumerate(scene.meshes) if m.engine_lit and m.static and m.emission.any()]
     total = np.zeros((p.count, 3))
     if not lights and not lamps:

@@ -25,8 +25,8 @@ class Radiosity:
 
     radiosity (P, 3), W·m⁻²: reflected plus exitance tagged `input`; irradiance (P, 3), W·m⁻², total incident.
     light (P + SKY_BINS + 1, 3): what form-factor columns carry to a receiver (π L for sky bins, 0 for absorbed).
-    iterations, residual: of the solver. energy_residual: |power arriving - power leaving| / power leaving, over patches:
-    zero for form factors that are reciprocal.
+    iterations, residual: of the solver. energy_residual: |power in - power out| / power in, worst colour: in are
+    exitance, direct light and sky, out is what patches absorb and what leaves through the sky or black backs.
     """
 
     radiosity: F64
@@ -44,7 +44,7 @@ def solve(scene: Scene, p: Patches, rows: DeviceRows, direct: F64, tolerance: fl
     thousands of steps, failure-catalogue B1).
     """
     worst = float(p.albedo.max(initial=0.0))
-    if worst >= MAX_ALBEDO:
+    if worst >= MAX_ALBEDO - 1e-9:  # patches hold rounded means
         raise ValueError(
             f"largest patch albedo must be under {MAX_ALBEDO} for the radiosity to converge, got {worst:.4f}"
         )
@@ -66,14 +66,19 @@ def solve(scene: Scene, p: Patches, rows: DeviceRows, direct: F64, tolerance: fl
         light=np.concatenate([b, seen_sky, np.zeros((1, 3))]),
         iterations=iterations,
         residual=residual,
-        energy_residual=_energy_residual(p, rows, b),
+        energy_residual=_energy_residual(p, rows, b, direct, sky),
     )
 
 
-def _energy_residual(p: Patches, rows: DeviceRows, b: F64) -> float:
-    """Gathered against shot power between patches; their difference is the reciprocity error of the form factors."""
-    zeros = np.zeros((SKY_BINS + 1, 3))
-    arriving = p.area @ gather(rows, np.concatenate([b, zeros]))[:, 0].astype(np.float64)
-    reached = gather(rows, np.concatenate([np.ones((p.count, 3)), zeros]))[:, 0].astype(np.float64)
-    leaving = p.area @ (b * reached)
-    return float(np.abs(arriving - leaving).max() / max(float(leaving.max()), 1e-30))
+def _energy_residual(p: Patches, rows: DeviceRows, b: F64, direct: F64, sky: F64) -> float:
+    """Energy balance. With B = M + ρH and rows that sum to one, in - out = Σ A B (1 - escaping) - Σ A (F B): the power
+    patches send to patches less the power they gather from them, which only reciprocal form factors make equal."""
+    empty = np.zeros((p.count, 3))
+    nothing = np.zeros((SKY_BINS + 1, 3))
+    gathered = p.area @ gather(rows, np.concatenate([b, nothing]))[:, 0].astype(np.float64)
+    kept = gather(rows, np.concatenate([np.ones((p.count, 3)), nothing]))[:, 0].astype(np.float64)
+    sent = p.area @ (b * kept)
+    from_sky = gather(rows, np.concatenate([empty, sky, np.zeros((1, 3))]))[:, 0].astype(np.float64)
+    power_in = p.area @ (p.exitance + direct + from_sky)
+    lit = power_in > 0.0
+    return float((np.abs(sent - gathered)[lit] / power_in[lit]).max(initial=0.0))

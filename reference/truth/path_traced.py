@@ -28,8 +28,8 @@ from .points import Points
 
 BATCHES = 8
 LANES = 1 << 20  # paths per launch
-SAMPLES = 64  # per point and randomisation in a pass: stratified together
-FLOOR_SHARE, FLOOR_LEAST = 4, 1024  # paths of the floor: a quarter; its noise cancels in the cross-half estimator
+FIRST_SAMPLES, SAMPLES = 16, 64  # per point and randomisation in the first and in later passes: stratified together
+FLOOR_NOISE = 0.05  # enough beside floors of a few per cent, because it cancels in the cross-half estimator
 ROULETTE_DEPTH = 4
 
 
@@ -73,20 +73,27 @@ def path_depth(scene: Scene, tolerance: float) -> int:
 
 
 def estimate(t: TruthScene, points: Points, s: TruthSettings, depth: int, seed: int, progress: Progress) -> Estimate:
-    """Trace until the noise of the irradiance is at most `s.noise`, or `s.max_spp` paths per point; then the L1 floor."""
-    total, spp, result = np.zeros((BATCHES, len(points.positions), 3)), 0, None
-    needed, each = s.max_spp, SAMPLES
-    while result is None or (result.noise > s.noise and result.spp < s.max_spp):
-        # each pass is an unbiased mean: weight by its paths
-        total += each * _trace_all(t, points, depth, each, BATCHES, [seed, spp], False)
-        spp += each
+    """Trace until the noise of the irradiance is at most `s.noise`, or `s.max_spp` paths per point; the L1 floor
+    until its noise is FLOOR_NOISE."""
+    found = _until(t, points, s.noise, s.max_spp, depth, seed, False, progress)
+    floor = _until(t, points, FLOOR_NOISE, s.max_spp, depth, seed, True, progress)
+    return Estimate(found.irradiance, floor.irradiance, found.spp, depth)
+
+
+def _until(
+    t: TruthScene, points: Points, noise: float, max_spp: int, depth: int, seed: int, l1: bool, progress: Progress
+) -> Estimate:
+    """Passes until `noise` or `max_spp`. Each pass is an unbiased mean, weighted by its paths."""
+    stage = "ground truth: L1 floor" if l1 else "ground truth"
+    total, spp, each = np.zeros((BATCHES, len(points.positions), 3)), 0, FIRST_SAMPLES
+    while True:
+        total += each * _trace_all(t, points, depth, each, BATCHES, [seed, int(l1), spp], l1)
+        spp, each = spp + each, SAMPLES
         result = Estimate(total / spp, None, spp * BATCHES, depth)
-        if result.noise > 0:
-            needed = min(s.max_spp, math.ceil(result.spp * (result.noise / s.noise) ** 2))
-        progress("ground truth", min(result.spp, needed), max(needed, 1))
-    floor_spp = 2 ** math.ceil(math.log2(max(FLOOR_LEAST, result.spp // FLOOR_SHARE)))
-    floor = _trace_all(t, points, depth, floor_spp // BATCHES, BATCHES, [seed, 1 << 30], True)
-    return Estimate(result.irradiance, floor, result.spp, depth)
+        needed = max(result.spp, min(max_spp, math.ceil(result.spp * (result.noise / noise) ** 2)))
+        progress(stage, result.spp, needed)
+        if result.noise <= noise or result.spp >= max_spp:
+            return result
 
 
 def picture(t: TruthScene, points: Points, spp: int, depth: int, seed: int, progress: Progress) -> Estimate:

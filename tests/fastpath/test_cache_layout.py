@@ -20,7 +20,9 @@ def test_every_texel_is_where_its_address_says() -> None:
         for t in range(27):
             at = (3 * z + t % 3, 3 * y + t // 3 % 3, 3 * x + t // 9)
             for colour in range(3):
-                np.testing.assert_array_equal(cache.light[(colour, *at)], texture.texels[slot, t, 4 * colour : 4 * colour + 4])
+                np.testing.assert_array_equal(
+                    cache.light[(colour, *at)], texture.texels[slot, t, 4 * colour : 4 * colour + 4]
+                )
             assert cache.weight[at] == texture.texels[slot, t, 12]
 
 

@@ -79,7 +79,11 @@ def test_faces_edges_corners_and_outside(device: OpenDevice, texture: VirtualTex
 
 @pytest.mark.parametrize("lod", [1, 2, 3, 4, 5])
 def test_every_level_of_detail(device: OpenDevice, texture: VirtualTexture, lod: int) -> None:
-    p = np.random.default_rng(5).uniform(texture.origin, texture.origin + 32 * texture.finest, (20_000, 3)).astype(np.float32)
+    p = (
+        np.random.default_rng(5)
+        .uniform(texture.origin, texture.origin + 32 * texture.finest, (20_000, 3))
+        .astype(np.float32)
+    )
     n = random_units(len(p), 6).astype(np.float32)
     got = Sampler(device, texture, "float32")(p, n, lod)
     agree(got, sample(texture, p, n, lod))
@@ -127,7 +131,11 @@ def test_shapes_are_checked(device: OpenDevice, texture: VirtualTexture) -> None
     sampler = Sampler(device, texture, "float32")
     empty = sampler(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32))
     assert empty.irradiance.shape == (0, 3) and empty.level.shape == (0,)
-    for p, n in ((np.zeros((3, 3)), np.zeros((2, 3))), (np.zeros((3, 4)), np.zeros((3, 4))), (np.zeros(3), np.zeros(3))):
+    for p, n in (
+        (np.zeros((3, 3)), np.zeros((2, 3))),
+        (np.zeros((3, 4)), np.zeros((3, 4))),
+        (np.zeros(3), np.zeros(3)),
+    ):
         with pytest.raises(ValueError, match=r"expected positions and normals \(N, 3\)"):
             sampler(p, n)
     with pytest.raises(ValueError, match="images hold half16 or half8"):

@@ -18,7 +18,10 @@ def test_equals_a_search_for_the_finest_tile(extent: tuple[int, int, int]) -> No
     keep = [v[(v <= (grid.extent - 1) >> (4 - level)).all(axis=1)] for level, v in enumerate(tree.voxels)]
     layout = build_layout(Octree(grid, tuple(keep), tree.corners, tree.corner_level, 0))
     found = build_indirection(layout)
-    tiles = [{tuple(p): layout.first_slot[i] + n for n, p in enumerate(level.tolist())} for i, level in enumerate(layout.parents)]
+    tiles = [
+        {tuple(p): layout.first_slot[i] + n for n, p in enumerate(level.tolist())}
+        for i, level in enumerate(layout.parents)
+    ]
     for lod in range(1, 5):
         dims = found.dims[lod - 1]
         assert (dims == ((grid.extent - 1) >> (4 - lod + 1)) + 1).all()

@@ -8,7 +8,7 @@ from lightgauge.reference.datatypes import F32, VirtualTexture
 from lightgauge.reference.lattice import NEIGHBOURS, OCTANTS, cells, index_of, keys
 from lightgauge.reference.placement.octree import uniform_octree
 from lightgauge.reference.volume.layout import TEXEL_OFFSETS, build_layout
-from lightgauge.reference.volume.sampler import MIN_WEIGHT, locate, resolve
+from lightgauge.reference.volume.sampler import MIN_WEIGHT, resolve
 from small_scenes import masked_tree, random_probes, random_tree, texture_of, tree_of
 
 SIDES = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float32)
@@ -36,7 +36,9 @@ def jumps(texture: VirtualTexture, q: F32) -> tuple[float, int]:
     values, weights, levels = [], [], []
     on_border = q == np.round(q)
     for side in SIDES:
-        look = np.clip(q + np.where(on_border, np.float32(0.01) * side, np.float32(0)), 0, texture.extent.astype(np.float32))
+        look = np.clip(
+            q + np.where(on_border, np.float32(0.01) * side, np.float32(0)), 0, texture.extent.astype(np.float32)
+        )
         light, weight, level = resolve(texture, q, look.astype(np.float32), texture.level)
         values.append(light.astype(np.float64) / np.maximum(weight, MIN_WEIGHT)[:, None])
         weights.append(weight)
@@ -123,7 +125,9 @@ def test_real_probes_stand_where_they_stand() -> None:
             corner = (2 * parent + TEXEL_OFFSETS) << (4 - level)
             at = index_of(corner_keys, keys(corner))
             np.testing.assert_array_equal(layout.probe[level - 1][i], at)
-            np.testing.assert_array_equal(texture.texels[layout.first_slot[level - 1] + i][at >= 0], probes[at[at >= 0]])
+            np.testing.assert_array_equal(
+                texture.texels[layout.first_slot[level - 1] + i][at >= 0], probes[at[at >= 0]]
+            )
             seen[at[at >= 0]] = True
     assert seen.all()
 

@@ -52,7 +52,10 @@ def test_two_sided_patches_have_twins() -> None:
 
 
 def test_emitters_shine_from_their_front_only_and_by_tag() -> None:
-    a, b = quad(FLOOR, mat=0, emission=(1, 2, 3)), quad(np.array(FLOOR) + [0, 1, 0], emission=5.0, engine=True)
+    a, b = (
+        quad(FLOOR, mat=0, emission=(1, 2, 3)),
+        quad(np.array(FLOOR) + np.array([0, 1, 0]), emission=5.0, engine=True),
+    )
     _, p = surfaces(scene([a, b], [material(0.5, two_sided=True)]), 10.0)
     assert p.front == 2 and p.count == 4
     np.testing.assert_allclose(np.pi * np.array([1, 2, 3]), p.exitance[p.exitance.any(axis=1)][0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -56,8 +57,8 @@ def test_bins_partition_the_sphere() -> None:
 
     edge = np.linspace(-1, 1, BINS_PER_EDGE + 1)
     cell = np.array([[corner(a, c) + corner(b, e) - corner(a, e) - corner(b, c)
-                      for c, e in zip(edge[:-1], edge[1:], strict=True)]
-                     for a, b in zip(edge[:-1], edge[1:], strict=True)])  # fmt: skip
+                      for c, e in pairwise(edge)]
+                     for a, b in pairwise(edge)])  # fmt: skip
     share = np.bincount(number, minlength=SKY_BINS) / len(d) * 4 * math.pi
     assert np.abs(share - np.tile(cell.ravel(), 6)).max() < 0.02 * cell.mean()
 

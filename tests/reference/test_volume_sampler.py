@@ -71,7 +71,9 @@ def test_inside_existing_voxels_it_is_the_eight_corners() -> None:
 
 
 def uniform(levels: int, seed: int = 0, invalid: float = 0.0) -> tuple[Octree, VirtualTexture]:
-    every = [np.stack(np.meshgrid(*[np.arange(1 << n)] * 3, indexing="ij"), -1).reshape(-1, 3) for n in range(levels + 1)]
+    every = [
+        np.stack(np.meshgrid(*[np.arange(1 << n)] * 3, indexing="ij"), -1).reshape(-1, 3) for n in range(levels + 1)
+    ]
     tree = tree_of(every, finest=0.5, origin=(-1.0, 2.0, 3.0))
     return tree, texture_of(tree, random_probes(len(tree.corners), invalid, seed))[0]
 
@@ -90,7 +92,7 @@ def test_outside_is_clamped_to_the_border() -> None:
 
 def test_nan_stays_where_it_is() -> None:
     _, texture = uniform(3)
-    p = np.random.default_rng(0).uniform(-1, 3, (100, 3)) + [0, 3, 4]
+    p = np.random.default_rng(0).uniform(-1, 3, (100, 3)) + np.array([0, 3, 4])
     n = random_units(100, 1)
     clean = sample(texture, p, n)
     for axis in range(3):
@@ -108,7 +110,9 @@ def test_exact_corners_read_the_probe_itself() -> None:
     got = sample(texture, tree.positions, n)
     texels = random_probes(len(tree.corners), 0.0, 0)
     w = np.concatenate([np.full((len(n), 1), math.sqrt(math.pi) / 2), math.sqrt(math.pi / 3) * n[:, [1, 2, 0]]], axis=1)
-    np.testing.assert_allclose(got.irradiance, np.einsum("nck,nk->nc", texels[:, :12].reshape(-1, 3, 4), w), rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(
+        got.irradiance, np.einsum("nck,nk->nc", texels[:, :12].reshape(-1, 3, 4), w), rtol=1e-5, atol=1e-5
+    )
 
 
 def test_invalid_probes_do_not_darken() -> None:

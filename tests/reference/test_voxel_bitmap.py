@@ -57,7 +57,7 @@ def test_slivers_and_axis_aligned_triangles() -> None:
 def test_touching_counts() -> None:
     on_face = np.array([[[0.5, -9, -9], [0.5, 9, -9], [0.5, 0, 9]]])
     assert triangles_touch_boxes(on_face, 0.5)[0]
-    assert not triangles_touch_boxes(on_face + [1e-6, 0, 0], 0.5).any()
+    assert not triangles_touch_boxes(on_face + np.array([1e-6, 0, 0]), 0.5).any()
 
 
 def test_nothing_near_is_an_answer_not_an_error() -> None:

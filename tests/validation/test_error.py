@@ -123,4 +123,6 @@ def test_worst_points_ignore_noise() -> None:
     ours[17] += 1.0
     ours[200] -= 2.0
     assert worst_points(ours, batches).tolist()[:2] == [200, 17]
-    assert len(worst_points(truth, batches, 400)) < 40  # 0.3 % by chance for 3 sigma and 3 colours, t with 7 degrees: 6 %
+    assert (
+        len(worst_points(truth, batches, 400)) < 40
+    )  # 0.3 % by chance for 3 sigma and 3 colours, t with 7 degrees: 6 %

@@ -38,7 +38,7 @@ Colour = tuple[int, int, int]
 def level_colours(levels: I32 | list[int]) -> dict[int, Colour]:
     """Colour of each level that occurs, spread over the whole scale."""
     found = sorted({int(level) for level in levels})
-    places = np.linspace(0.0, len(LEVEL_STOPS) - 1.0, len(found)) if len(found) > 1 else np.array([0.0])
+    places = np.linspace(0.0, len(LEVEL_STOPS) - 1.0, len(found)) if len(found) > 1 else np.zeros(len(found))
     at = range(len(LEVEL_STOPS))
     rgb = [[round(float(np.interp(p, at, [s[i] for s in LEVEL_STOPS]))) for i in range(3)] for p in places]
     return {level: (c[0], c[1], c[2]) for level, c in zip(found, rgb, strict=True)}

@@ -1,0 +1,228 @@
+"""End to end on small rooms: files in, results.json out.
+
+Rationale: a stage can be right and the chain wrong. Expected: valid results, recalled when nothing changed, equal bits for
+equal seeds, bad input refused by name, and a leak that is there is found.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from lightgauge.reference.errors import InputError
+from lightgauge.validation import run as run_module
+from lightgauge.validation.run import run_scenes
+from small_scenes import box
+
+Runner = Callable[..., dict[str, Any]]
+QUICK = {"noise": 0.3, "max_spp": 512, "points": 64, "picture_spp": 2}
+LAMP = np.array([[0.35, 0.95, 0.35], [0.65, 0.95, 0.35], [0.65, 0.95, 0.65], [0.35, 0.95, 0.65]])
+
+
+def write_ply(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:
+    head = ["ply", "format ascii 1.0", f"element vertex {len(vertices)}", *(f"property float {c}" for c in "xyz"),
+            f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]  # fmt: skip
+    rows = [" ".join(map(str, v)) for v in vertices.tolist()] + [" ".join(map(str, [3, *f])) for f in faces.tolist()]
+    path.write_text("\n".join(head + rows) + "\n", encoding="ascii")
+
+
+def write_scene(folder: Path, meshes: Mapping[str, Any], tables: str) -> Path:
+    folder.mkdir(parents=True)
+    for name, m in meshes.items():
+        write_ply(folder / f"{name}.ply", m.vertices, m.faces)
+    listed = "".join(
+        f'[meshes.{n}]\nfile = "{n}.ply"\nmaterial = "{"black" if n == "lamp" else "grey"}"\n' for n in meshes
+    )
+    head = "[materials]\ngrey = { albedo = [0.6, 0.5, 0.4] }\nblack = { albedo = [0.0, 0.0, 0.0] }\n"
+    (folder / "scene.toml").write_text(head + listed + tables, encoding="utf-8")
+    return folder / "scene.toml"
+
+
+def lamp() -> Any:
+    from small_scenes import quad
+
+    return quad(LAMP)
+
+
+ROOM = """
+[lights.lamp]
+type = "area"
+mesh = "lamp"
+radiance = [3.0, 2.0, 1.0]
+tag = "engine"
+[cameras.front]
+origin = [0.5, 0.5, 0.9]
+target = [0.5, 0.4, 0.0]
+width = 16
+height = 12
+[placement]
+min_voxel = 0.2
+probe_rays = 256
+[radiosity]
+patch_size = 0.2
+rays = 256
+"""
+
+
+@pytest.fixture(scope="session")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_scene(
+        tmp_path_factory.mktemp("scenes") / "room", {"walls": box((0, 0, 0), (1, 1, 1)), "lamp": lamp()}, ROOM
+    )
+
+
+@pytest.fixture(scope="session")
+def two_rooms(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A lit room and a sealed dark one, 0.12 m of solid wall between."""
+    tables = ROOM + "[expect.dark]\nsealed = { min = [1.12, 0.0, 0.0], max = [2.12, 1.0, 1.0] }\n"
+    tables = tables.replace("[placement]", "[cameras.dark]\norigin = [2.0, 0.5, 0.9]\ntarget = [1.2, 0.4, 0.2]\n"
+                            "width = 16\nheight = 12\n[placement]")  # fmt: skip
+    meshes = {"lit": box((0, 0, 0), (1, 1, 1)), "sealed": box((1.12, 0, 0), (2.12, 1, 1)), "lamp": lamp()}
+    return write_scene(tmp_path_factory.mktemp("scenes") / "two", meshes, tables)
+
+
+@pytest.fixture(scope="session")
+def caches(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("caches")
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caches: Path) -> Runner:
+    """Measure one scene with quick settings; `cache` names the folder of kept results."""
+
+    def call(scene: Path, cache: str, **overrides: Any) -> dict[str, Any]:
+        monkeypatch.setenv("LIGHTGAUGE_CACHE", str(caches / cache))
+        return run_scenes([scene], {"truth": QUICK, **overrides}, 3, tmp_path / "out", True, "test")
+
+    return call
+
+
+def metrics(results: Mapping[str, Any]) -> dict[str, Any]:
+    return dict(results["scenes"][0]["metrics"])
+
+
+def test_results_are_valid_and_written(run: Runner, room: Path, tmp_path: Path) -> None:
+    import jsonschema
+
+    results = run(room, "a")
+    schema = json.loads((Path(run_module.__file__).parent / "results.schema.json").read_text(encoding="utf-8"))
+    jsonschema.validate(results, schema)
+    kept = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    jsonschema.validate(kept, schema)
+    assert (tmp_path / "out" / "index.html").is_file() or list((tmp_path / "out").glob("*.html"))
+    record = results["scenes"][0]
+    assert record["status"] == "ok" and record["name"] == "room"
+    m = record["metrics"]
+    for name in (
+        "relrmse",
+        "bias",
+        "p99",
+        "floor_l1",
+        "seam_sup",
+        "energy_residual",
+        "kernel_deviation",
+        "reference_noise",
+    ):
+        assert name in m and np.isfinite(m[name]["value"]), name
+    assert m["kernel_deviation"]["value"] < 1e-5
+    assert m["seam_sup"]["value"] < 1e-5
+    assert 0 < m["relrmse_surface"]["value"] < 0.5
+    cost = record["cost"]
+    assert cost["real_probes"] == cost["valid_probes"] + cost["invalid_probes"] > 8
+    assert sum(row["real"] for row in record["counts_by_level"]) == cost["real_probes"]
+
+
+def test_no_volume_is_a_note_not_a_crash(run: Runner, room: Path) -> None:
+    results = run(room, "a")
+    assert not any(k.endswith("_volume") for k in metrics(results))
+    assert any("volume" in n for n in results["scenes"][0]["notes"])
+
+
+def test_second_run_is_recalled_and_equal_but_for_the_date(
+    run: Runner, room: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = run(room, "a")
+
+    def never(*_: Any) -> None:
+        raise AssertionError("measured again although nothing changed")
+
+    monkeypatch.setattr(run_module, "measure_scene", never)
+    second = run(room, "a")
+    for results in (first, second):
+        results["provenance"].pop("date", None)
+    assert second == first
+
+
+def test_same_seed_same_bits_other_seed_other_bits(run: Runner, room: Path, tmp_path: Path, caches: Path) -> None:
+    """From empty caches: every metric equal to the last bit; and the seed does matter."""
+    first, second = metrics(run(room, "a")), metrics(run(room, "b"))
+    assert first == second
+    third = metrics(run_scenes([room], {"truth": QUICK}, 4, tmp_path / "other", True, "test"))
+    assert third["relrmse"]["value"] != first["relrmse"]["value"]
+
+
+def test_a_leak_is_found_where_there_is_one(run: Runner, two_rooms: Path) -> None:
+    """Voxels of 0.5 m across a wall of 0.12 m leak; of 0.1 m do not (t ≥ h for an axis-aligned wall). Same truth."""
+    coarse = metrics(run(two_rooms, "a", placement={"min_voxel": 0.5}))
+    fine = metrics(run(two_rooms, "a", placement={"min_voxel": 0.1, "probe_rays": 64}))
+    assert coarse["leak"]["value"] > 0.01 and coarse["leak_area"]["value"] > 0.05
+    assert fine["leak"]["value"] < 1e-3
+    assert fine["overdark"]["value"] < coarse["overdark"]["value"] + 0.05
+
+
+def test_camera_in_a_wall_is_named(run: Runner, two_rooms: Path) -> None:
+    with pytest.raises(InputError, match=r"cameras\.dark: origin .*inside a wall"):
+        run(two_rooms, "a", cameras={"dark": {"origin": [1.06, 0.5, 0.5]}})
+
+
+def test_no_probe_placed_is_an_error(run: Runner, room: Path) -> None:
+    """A threshold that nothing meets leaves the root's 8 probes, all outside the room, where they see the walls' backs."""
+    with pytest.raises(InputError, match="no probe placed"):
+        run(room, "a", placement={"min_voxel": 0.2, "backface_tolerance": 0.0, "threshold": 1e-3})
+
+
+def test_a_scene_without_camera_is_measured_and_reported(run: Runner, tmp_path: Path) -> None:
+    start, end = ROOM.index("[cameras.front]"), ROOM.index("[placement]")
+    scene = write_scene(
+        tmp_path / "blind", {"walls": box((0, 0, 0), (1, 1, 1)), "lamp": lamp()}, ROOM[:start] + ROOM[end:]
+    )
+    results = run(scene, "a")
+    assert results["scenes"][0]["status"] == "ok" and "relrmse_surface" in metrics(results)
+    assert any("camera" in n for n in results["scenes"][0]["notes"])
+
+
+@pytest.mark.parametrize("light", [
+    'type = "point"\nposition = [0.5, 0.6, 0.5]\nintensity = [1.0, 1.0, 1.0]\ntag = "input"\n',
+    'type = "point"\nposition = [0.5, 0.6, 0.5]\nintensity = [1.0, 1.0, 1.0]\ntag = "engine"\n',
+])  # fmt: skip
+def test_a_point_light_by_both_tags_agrees_with_the_truth(run: Runner, tmp_path: Path, light: str) -> None:
+    """The mean over random places in the air is right for any order of SH: bias within 5 % for either tag."""
+    tables = (
+        "[lights.l]\n"
+        + light
+        + ROOM[ROOM.index("[cameras.front]") :]
+        + ("[volumes.air]\nmin = [0.1, 0.1, 0.1]\nmax = [0.9, 0.9, 0.9]\n")
+    )
+    scene = write_scene(tmp_path / "lit", {"walls": box((0, 0, 0), (1, 1, 1))}, tables)
+    m = metrics(run(scene, "a", truth={**QUICK, "points": 600, "noise": 0.1}))
+    assert abs(m["bias_volume"]["value"]) < 0.05 + 4 * m["bias_volume"]["se"], m["bias_volume"]
+
+
+def test_one_bad_scene_does_not_take_the_others_down(
+    room: Path, two_rooms: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caches: Path
+) -> None:
+    monkeypatch.setenv("LIGHTGAUGE_CACHE", str(caches / "a"))
+    overrides = {"truth": QUICK, "placement": {"min_voxel": 0.2, "max_probes": 600}}
+    results = run_scenes([room, two_rooms], overrides, 3, tmp_path / "both", True, "test")
+    by_name = {s["name"]: s for s in results["scenes"]}
+    assert by_name["room"]["status"] == "ok"
+    assert by_name["two"]["status"] == "failed" and "max_probes" in by_name["two"]["error"]
+
+
+def test_two_scenes_of_one_name_are_refused(room: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="two scenes are called room"):
+        run_scenes([room, room], {}, 1, tmp_path, True, "test")

@@ -1,0 +1,81 @@
+"""What the kept ground truth depends on."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from lightgauge.reference.datatypes import Scene, Sky
+from lightgauge.reference.progress import silent
+from lightgauge.validation import ground_truth as module
+from lightgauge.validation.ground_truth import ground_truth, truth_hash
+from small_scenes import box, material, scene
+
+CAMERA = {"origin": (0.5, 0.5, 0.9), "target": (0.5, 0.4, 0), "width": 8, "height": 8}
+LIGHT = {"type": "point", "position": (0.5, 0.8, 0.5), "intensity": (1, 1, 1)}
+
+
+def room(albedo: float = 0.5, sky: Sky | None = None, light: dict[str, Any] | None = None, **settings: Any) -> Scene:
+    truth = {"noise": 0.5, "max_spp": 512, "points": 16, "picture_spp": 2}
+    tables = {"cameras": {"c": CAMERA}, "lights": {"l": light or LIGHT}, "truth": truth, **settings}
+    return scene([box((0, 0, 0), (1, 1, 1))], [material(albedo)], sky, **tables)
+
+
+def test_placement_and_radiosity_do_not_matter() -> None:
+    plain = truth_hash(room())
+    assert plain == truth_hash(
+        room(placement={"min_voxel": 0.1}, radiosity={"rays": 64}, sampling={"normal_offset": 0.2})
+    )
+
+
+def test_everything_that_light_meets_matters() -> None:
+    moved = room()
+    mesh = dataclasses.replace(moved.meshes[0], vertices=moved.meshes[0].vertices * 1.001)
+    scenes = [
+        room(),
+        room(0.51),
+        room(light={**LIGHT, "intensity": (1, 1, 1.001)}),
+        room(light={**LIGHT, "tag": "input"}),
+        room(sky=Sky(np.ones((1, 1, 3), np.float32), 0.0, False)),
+        room(sky=Sky(np.ones((1, 1, 3), np.float32), 0.0, True)),
+        room(sky=Sky(np.ones((1, 1, 3), np.float32), 5.0, True)),
+        room(volumes={"v": {"min": (0.1, 0.1, 0.1), "max": (0.2, 0.2, 0.2)}}),
+        room(cameras={"c": {**CAMERA, "fov_deg": 61}}),
+        room(truth={"noise": 0.4, "max_spp": 512, "points": 16, "picture_spp": 2}),
+        dataclasses.replace(moved, meshes=(mesh,)),
+        dataclasses.replace(moved, meshes=(dataclasses.replace(moved.meshes[0], emission=np.ones(3)),)),
+        dataclasses.replace(moved, meshes=(dataclasses.replace(moved.meshes[0], lit_by_probes=False),)),
+        dataclasses.replace(moved, materials=(material(0.5, two_sided=True),)),
+        dataclasses.replace(moved, materials=(material(0.5, truth_bsdf={"type": "conductor"}),)),
+    ]
+    assert len({truth_hash(s) for s in scenes}) == len(scenes)
+
+
+def test_second_time_is_recalled_and_equal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LIGHTGAUGE_CACHE", str(tmp_path))
+    first = ground_truth(room(), 1, silent)
+    traced: list[Scene] = []
+    build = module.build_truth_scene
+    monkeypatch.setattr(module, "build_truth_scene", lambda s: traced.append(s) or build(s))
+    second = ground_truth(room(), 1, silent)
+    assert not traced, "traced again although nothing changed"
+    for name, e in first.estimates.items():
+        np.testing.assert_allclose(second.estimates[name].irradiance, e.irradiance, rtol=1e-6)
+        np.testing.assert_array_equal(first.points[name].positions, second.points[name].positions)
+    ground_truth(room(), 2, silent)
+    assert len(traced) == 1, "another seed is another truth"
+
+
+def test_input_tagged_point_light_is_added_exactly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same room by both tags: the difference of the irradiance is the light's own, I cosθ/d², at every point."""
+    monkeypatch.setenv("LIGHTGAUGE_CACHE", str(tmp_path))
+    engine, given = ground_truth(room(), 1, silent), ground_truth(room(light={**LIGHT, "tag": "input"}), 1, silent)
+    p = engine.points["camera"]
+    offset = np.array(LIGHT["position"]) - p.positions
+    d = np.linalg.norm(offset, axis=1)
+    exact = np.maximum(np.einsum("ni,ni->n", offset, p.normals), 0) / d**3
+    difference = given.estimates["camera"].mean - engine.estimates["camera"].mean
+    np.testing.assert_allclose(difference, exact[:, None].repeat(3, 1), rtol=1e-4, atol=1e-4)
