@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from ..datatypes import F64, I32, I64, Scene
 from ..visibility import Geometry, points_on_triangles
+from .baked_albedo import baked_albedo
 from .elements import points_in_elements
 
 MAX_CUTS = 512
@@ -147,9 +148,9 @@ def _assemble(
 
 
 def _element_albedo(scene: Scene, g: Geometry, cuts: I32, first: I64, triangle: I32) -> F64:
-    """Diffuse albedo (E, 3): the material's, or its texture averaged over a few points of the element."""
+    """Albedo (E, 3) for the radiosity: of the material, or of its texture averaged over a few points of the element."""
     owner = g.mesh[triangle]
-    albedo = np.stack([scene.materials[m.material].albedo for m in scene.meshes])[owner]
+    albedo = np.stack([baked_albedo(m, m.albedo) for m in (scene.materials[k.material] for k in scene.meshes)])[owner]
     for number, mesh in enumerate(scene.meshes):
         texture = scene.materials[mesh.material].texture
         mine = np.flatnonzero(owner == number)
@@ -161,7 +162,7 @@ def _element_albedo(scene: Scene, g: Geometry, cuts: I32, first: I64, triangle: 
             uv = points_in_elements(cuts, first, triangle[mine], mine, np.tile(xy, (len(mine), 1)))
             w = np.column_stack([1.0 - uv.sum(axis=1), uv])
             total += _texel(texture, np.einsum("ni,nic->nc", w, corner))
-        albedo[mine] = total / len(TEXTURE_POINTS)
+        albedo[mine] = baked_albedo(scene.materials[mesh.material], total / len(TEXTURE_POINTS))
     return albedo
 
 

@@ -60,12 +60,12 @@ def test_all_child_masks_are_seam_free(invalid: float) -> None:
         texture, _ = texture_of(tree, random_probes(len(tree.corners), invalid, mask))
         if q is None:
             q = border_points(texture)
-        pick = np.random.default_rng(mask).choice(len(q), 3000, replace=False)
+        pick = np.random.default_rng(mask).choice(len(q), 1500, replace=False)
         near = ((q > 1) & (q < 15)).all(axis=1)
         jump, across = jumps(texture, q[pick[near[pick]]])
         worst, mixed = max(worst, jump), mixed + across
         assert jump < 1e-6 * 20 if invalid else jump < 2e-6, (mask, jump)
-    assert mixed > 10_000, "the borders between levels were not met"
+    assert mixed > 5_000, "the borders between levels were not met"
     assert worst > 0.0 or invalid == 0.0
 
 

@@ -157,12 +157,9 @@ def test_second_run_is_recalled_and_equal_but_for_the_date(
     assert second == first
 
 
-def test_same_seed_same_bits_other_seed_other_bits(run: Runner, room: Path, tmp_path: Path, caches: Path) -> None:
-    """From empty caches: every metric equal to the last bit; and the seed does matter."""
-    first, second = metrics(run(room, "a")), metrics(run(room, "b"))
-    assert first == second
-    third = metrics(run_scenes([room], {"truth": QUICK}, 4, tmp_path / "other", True, "test"))
-    assert third["relrmse"]["value"] != first["relrmse"]["value"]
+def test_same_seed_same_bits(run: Runner, room: Path) -> None:
+    """From two empty caches: every metric equal to the last bit."""
+    assert metrics(run(room, "a")) == metrics(run(room, "b"))
 
 
 def test_a_leak_is_found_where_there_is_one(run: Runner, two_rooms: Path) -> None:
@@ -195,18 +192,12 @@ def test_a_scene_without_camera_is_measured_and_reported(run: Runner, tmp_path: 
     assert any("camera" in n for n in results["scenes"][0]["notes"])
 
 
-@pytest.mark.parametrize("light", [
-    'type = "point"\nposition = [0.5, 0.6, 0.5]\nintensity = [1.0, 1.0, 1.0]\ntag = "input"\n',
-    'type = "point"\nposition = [0.5, 0.6, 0.5]\nintensity = [1.0, 1.0, 1.0]\ntag = "engine"\n',
-])  # fmt: skip
-def test_a_point_light_by_both_tags_agrees_with_the_truth(run: Runner, tmp_path: Path, light: str) -> None:
-    """The mean over random places in the air is right for any order of SH: bias within 5 % for either tag."""
-    tables = (
-        "[lights.l]\n"
-        + light
-        + ROOM[ROOM.index("[cameras.front]") :]
-        + ("[volumes.air]\nmin = [0.1, 0.1, 0.1]\nmax = [0.9, 0.9, 0.9]\n")
-    )
+def test_a_point_light_tagged_input_agrees_with_the_truth(run: Runner, tmp_path: Path) -> None:
+    """Its direct and its reflected light both come from the probes. The mean over random places in the air is right for any
+    order of SH: bias within 5 %."""
+    light = '[lights.l]\ntype = "point"\nposition = [0.5, 0.6, 0.5]\nintensity = [1.0, 1.0, 1.0]\ntag = "input"\n'
+    air = "[volumes.air]\nmin = [0.1, 0.1, 0.1]\nmax = [0.9, 0.9, 0.9]\n"
+    tables = light + ROOM[ROOM.index("[cameras.front]") :] + air
     scene = write_scene(tmp_path / "lit", {"walls": box((0, 0, 0), (1, 1, 1))}, tables)
     m = metrics(run(scene, "a", truth={**QUICK, "points": 600, "noise": 0.1}))
     assert abs(m["bias_volume"]["value"]) < 0.05 + 4 * m["bias_volume"]["se"], m["bias_volume"]
