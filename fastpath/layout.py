@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..reference.datatypes import F32, I32, VirtualTexture
+from ..reference.datatypes import F32, I32, VirtualTexture, pre_exposure
 
 Storage = Literal["float32", "half16", "half8"]
 WEIGHT_STEPS: dict[Storage, int] = {"float32": 1, "half16": 65535, "half8": 255}
@@ -37,11 +37,17 @@ def cache_textures(texture: VirtualTexture, storage: Storage) -> CacheTextures:
     slots[: len(texture.texels)] = texture.texels
     # slot = x + cx (y + cy z) over tiles; a tile's texels are x slowest
     grid = slots.reshape(cz, cy, cx, 3, 3, 3, 13).transpose(0, 5, 1, 4, 2, 3, 6).reshape(3 * cz, 3 * cy, 3 * cx, 13)
-    light = np.stack([grid[..., 4 * c : 4 * c + 4] for c in range(3)]).astype(LIGHT_TYPE[storage])
+    light = np.stack([grid[..., 4 * c : 4 * c + 4] for c in range(3)])
+    light = (light / np.float32(exposure(texture, storage))).astype(LIGHT_TYPE[storage])
     weight = grid[..., 12]
     if storage != "float32":
         weight = np.round(weight * np.float32(WEIGHT_STEPS[storage]))
     return CacheTextures(np.ascontiguousarray(light), np.ascontiguousarray(weight.astype(WEIGHT_TYPE[storage])))
+
+
+def exposure(texture: VirtualTexture, storage: Storage) -> float:
+    """What stored light is to be multiplied by: see `pre_exposure`; 1 for float32."""
+    return 1.0 if storage == "float32" else pre_exposure(texture.texels)
 
 
 def lod_table(texture: VirtualTexture) -> I32:
@@ -50,9 +56,9 @@ def lod_table(texture: VirtualTexture) -> I32:
     return np.column_stack([i.first[:-1], i.dims]).astype(np.int32)
 
 
-def grid_words(texture: VirtualTexture) -> bytes:
-    """The kernel's `Grid` structure: float4 origin and 1/h, float4 extent, int4 cache and level."""
+def grid_words(texture: VirtualTexture, storage: Storage) -> bytes:
+    """The kernel's `Grid` structure: float4 origin and 1/h, float4 extent and exposure, int4 cache and level."""
     inverse = np.float32(1.0 / texture.finest)
-    floats: F32 = np.array([*texture.origin, inverse, *texture.extent, 0.0], dtype=np.float32)
+    floats: F32 = np.array([*texture.origin, inverse, *texture.extent, exposure(texture, storage)], dtype=np.float32)
     ints: I32 = np.array([*texture.indirection.cache, texture.level], dtype=np.int32)
     return floats.tobytes() + ints.tobytes()

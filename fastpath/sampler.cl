@@ -16,7 +16,7 @@ typedef struct { float4 red, green, blue; float weight; } Texel;
 
 typedef struct {
     float4 origin_inverse;   /* origin, m, and 1 / finest voxel, 1/m */
-    float4 extent;           /* finest voxels */
+    float4 extent;           /* finest voxels, and the exposure that stored light is multiplied by */
     int4 cache_level;        /* tiles per axis of the cache, and L */
 } Grid;
 
@@ -124,7 +124,7 @@ kernel void sample(CACHE, global const uint *indirection, global const int *lods
     float3 e = (float3)(w.x * t.red.x + w.y * t.red.y + w.z * t.red.z + w.w * t.red.w,
                         w.x * t.green.x + w.y * t.green.y + w.z * t.green.z + w.w * t.green.w,
                         w.x * t.blue.x + w.y * t.blue.y + w.z * t.blue.z + w.w * t.blue.w);
-    vstore3(level > 0 ? e / t.weight : (float3)(0.0f), id, irradiance);
+    vstore3(level > 0 ? e * grid.extent.w / t.weight : (float3)(0.0f), id, irradiance);
     levels[id] = level;
     weights[id] = level > 0 ? t.weight : 0.0f;
 }

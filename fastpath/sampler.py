@@ -37,15 +37,17 @@ class Sampler:
         self._textures = _image_args(device, self._cache) if images else _buffer_args(device, self._cache)
         self._indirection = cl.Buffer(device.context, flags, hostbuf=texture.indirection.texels)
         self._lods = cl.Buffer(device.context, flags, hostbuf=lod_table(texture))
-        self._grid = np.frombuffer(grid_words(texture), dtype=np.uint8).view(np.dtype((np.void, 48)))[0]
+        self._grid = np.frombuffer(grid_words(texture, storage), dtype=np.uint8).view(np.dtype((np.void, 48)))[0]
         self.bytes = self._cache.bytes + texture.indirection.texels.nbytes
         self.seconds = 0.0
 
     def __call__(self, positions: F32 | F64, normals: F32 | F64, lod: int | None = None) -> Samples:
         """Irradiance at `positions` (N, 3) m for unit `normals` (N, 3); see reference/volume/sampler.py.
 
-        Raises ValueError on other shapes.
+        Raises ValueError on other shapes, and for a `lod` that the texture does not have.
         """
+        if lod is not None and not 1 <= lod <= self._level:
+            raise ValueError(f"lod must be 1 … {self._level}, got {lod}")
         if positions.ndim != 2 or positions.shape[1] != 3 or positions.shape != normals.shape:
             raise ValueError(f"expected positions and normals (N, 3), got {positions.shape} and {normals.shape}")
         import pyopencl as cl
@@ -60,7 +62,16 @@ class Sampler:
         irradiance, levels = np.empty((n, 3), np.float32), np.empty(n, np.int32)
         weight = np.empty(n, np.float32)
         outs = [cl.Buffer(context, cl.mem_flags.WRITE_ONLY, a.nbytes) for a in (irradiance, levels, weight)]
-        arguments = (*self._textures, self._indirection, self._lods, self._grid, np.int32(lod or self._level), p, d, *outs)
+        arguments = (
+            *self._textures,
+            self._indirection,
+            self._lods,
+            self._grid,
+            np.int32(lod or self._level),
+            p,
+            d,
+            *outs,
+        )
         event = self._kernel(queue, (n,), None, *arguments)
         event.wait()
         self.seconds = (event.profile.end - event.profile.start) * 1e-9

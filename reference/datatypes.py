@@ -5,6 +5,7 @@ Lengths are metres, radiometric values linear RGB (last axis 3), directions unit
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -123,6 +124,13 @@ class VirtualTexture:
     extent: I64
     indirection: Indirection
     texels: F32
+
+
+def pre_exposure(texels: F32) -> float:
+    """Power of two by which light in texels (..., 13) is divided before it is stored as half floats: the brightest
+    coefficient then lies in 16,384 … 32,768, where nothing overflows and eight decades below keep their precision."""
+    brightest = float(np.abs(texels[..., :12]).max(initial=0.0))
+    return 2.0 ** (math.ceil(math.log2(brightest)) - 15) if brightest > 0.0 else 1.0
 
 
 @dataclass(frozen=True, eq=False)

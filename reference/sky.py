@@ -15,6 +15,7 @@ from .datatypes import F64, I32, Sky
 
 BINS_PER_EDGE = 8
 SKY_BINS = 6 * BINS_PER_EDGE**2
+MIN_COLUMNS = 512  # of the grid that integrates a bin
 
 
 def sky_radiance(sky: Sky, directions: npt.NDArray[np.floating]) -> F64:
@@ -51,15 +52,25 @@ def bin_of(directions: npt.NDArray[np.floating]) -> I32:
     return np.asarray((face * BINS_PER_EDGE + cell[:, 0]) * BINS_PER_EDGE + cell[:, 1], dtype=np.int32)
 
 
-def bin_radiance(sky: Sky | None, samples: int = 1 << 16) -> F64:
-    """Mean radiance (SKY_BINS, 3) of each bin, zero without a sky; from `samples` uniform directions."""
+def bin_radiance(sky: Sky | None) -> F64:
+    """Mean radiance (SKY_BINS, 3) of each bin, zero without a sky.
+
+    Midpoint rule on a grid of two or more points per texel and axis, weighted with the solid angle: so even a sun of one
+    texel keeps its power, wherever the bins' borders fall.
+    """
     if sky is None:
         return np.zeros((SKY_BINS, 3))
-    if sky.image.shape[:2] == (1, 1):
-        return np.tile(sky.image[0, 0].astype(np.float64), (SKY_BINS, 1))
-    from .directions import fibonacci_sphere
-
-    d = fibonacci_sphere(samples)
-    bins, radiance = bin_of(d), sky_radiance(sky, d)
-    count = np.bincount(bins, minlength=SKY_BINS)
-    return np.stack([np.bincount(bins, radiance[:, c], SKY_BINS) for c in range(3)], axis=1) / count[:, None]
+    height, width = sky.image.shape[:2]
+    fine = max(2, -(-MIN_COLUMNS // width))
+    phi = (np.arange(width * fine) + 0.5) / (width * fine) * 2.0 * math.pi
+    rows = max(height - 1, 1) * max(2, -(-MIN_COLUMNS // (2 * height)))
+    theta = (np.arange(rows) + 0.5) / rows * math.pi
+    total, weight = np.zeros((SKY_BINS, 3)), np.zeros(SKY_BINS)
+    for part in np.array_split(theta, max(1, rows * len(phi) >> 20)):
+        sine = np.repeat(np.sin(part), len(phi))
+        p = np.tile(phi, len(part))
+        d = np.stack([sine * np.sin(p), np.repeat(np.cos(part), len(phi)), -sine * np.cos(p)], axis=1)
+        bins, radiance = bin_of(d), sky_radiance(sky, d)
+        weight += np.bincount(bins, sine, SKY_BINS)
+        total += np.stack([np.bincount(bins, sine * radiance[:, c], SKY_BINS) for c in range(3)], axis=1)
+    return total / weight[:, None]

@@ -43,7 +43,9 @@ class Findings:
     notes: list[str]
 
 
-def find(baked: Baked, device: OpenDevice, truth: GroundTruth, sampled: Mapping[PointSet, Samples], seed: int) -> Findings:
+def find(
+    baked: Baked, device: OpenDevice, truth: GroundTruth, sampled: Mapping[PointSet, Samples], seed: int
+) -> Findings:
     """All metrics of a scene. sampled: kernel samples by set of points."""
     metrics: dict[str, Any] = {}
     notes: list[str] = []

@@ -41,7 +41,7 @@ def solve(scene: Scene, p: Patches, rows: DeviceRows, direct: F64, tolerance: fl
     """Iterate until the largest change is below `tolerance` × the largest source.
 
     direct: (P, 3) irradiance of engine lights. Raises ValueError if an albedo reaches 0.999 (the iteration would need
-    thousands of steps, failure-catalogue B1).
+    thousands of steps, failure-catalogue B1), or if MAX_ITERATIONS do not reach the tolerance.
     """
     worst = float(p.albedo.max(initial=0.0))
     if worst >= MAX_ALBEDO - 1e-9:  # patches hold rounded means
@@ -59,6 +59,11 @@ def solve(scene: Scene, p: Patches, rows: DeviceRows, direct: F64, tolerance: fl
         updated = p.exitance + p.albedo * incident
         residual = float(np.abs(updated - b).max(initial=0.0)) / scale
         b, iterations = updated, iterations + 1
+    if residual > tolerance:
+        raise ValueError(
+            f"radiosity.tolerance {tolerance:g} not reached in {MAX_ITERATIONS} iterations (residual {residual:.2g}): the "
+            f"largest albedo, {worst:.4f}, is too high for a scene this closed"
+        )
     seen_sky = np.zeros_like(sky) if engine_sky else sky
     return Radiosity(
         radiosity=b,

@@ -31,6 +31,7 @@ LANES = 1 << 20  # paths per launch
 FIRST_SAMPLES, SAMPLES = 16, 64  # per point and randomisation in the first and in later passes: stratified together
 FLOOR_NOISE = 0.05  # enough beside floors of a few per cent, because it cancels in the cross-half estimator
 ROULETTE_DEPTH = 4
+SHINY = 0.9  # albedo that a material kept for the truth counts with in the depth of paths
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +68,9 @@ class Estimate:
 
 def path_depth(scene: Scene, tolerance: float) -> int:
     """Depth D with ρ^D under a tenth of `tolerance` for the largest albedo ρ, 8 … 512 (failure-catalogue F3, F4)."""
-    worst = max(float(m.texture.max()) if m.texture is not None else float(m.albedo.max()) for m in scene.materials)
-    worst = min(max(worst, 0.05), 0.98)
+    diffuse = max(float(m.texture.max()) if m.texture is not None else float(m.albedo.max()) for m in scene.materials)
+    # Mirrors and glass reflect or pass nearly all, whatever their diffuse part says.
+    worst = min(max(diffuse, 0.05, *(SHINY for m in scene.materials if m.truth_bsdf is not None)), 0.98)
     return int(np.clip(math.ceil(math.log(tolerance / 10) / math.log(worst)), 8, 512))
 
 
@@ -87,12 +89,13 @@ def _until(
     stage = "ground truth: L1 floor" if l1 else "ground truth"
     total, spp, each = np.zeros((BATCHES, len(points.positions), 3)), 0, FIRST_SAMPLES
     while True:
+        each = min(each, (max_spp - spp * BATCHES) // BATCHES)
         total += each * _trace_all(t, points, depth, each, BATCHES, [seed, int(l1), spp], l1)
         spp, each = spp + each, SAMPLES
         result = Estimate(total / spp, None, spp * BATCHES, depth)
         needed = max(result.spp, min(max_spp, math.ceil(result.spp * (result.noise / noise) ** 2)))
         progress(stage, result.spp, needed)
-        if result.noise <= noise or result.spp >= max_spp:
+        if result.noise <= noise or result.spp > max_spp - BATCHES:
             return result
 
 

@@ -21,8 +21,10 @@ MIN_WEIGHT = np.float32(1.0 / 1024.0)
 def sample(texture: VirtualTexture, positions: F32 | F64, normals: F32 | F64, lod: int | None = None) -> Samples:
     """Irradiance at `positions` (N, 3) m for unit `normals` (N, 3). `lod`: finest level to use, all without it.
 
-    A NaN position gives NaN there and nowhere else.
+    A NaN position gives NaN there and nowhere else. Raises ValueError for a `lod` that the texture does not have.
     """
+    if lod is not None and not 1 <= lod <= texture.level:
+        raise ValueError(f"lod must be 1 … {texture.level}, got {lod}")
     q = lattice_position(texture, positions)
     weights = irradiance_weights(np.asarray(normals, dtype=np.float32)).astype(np.float32)
     light, weight, level = resolve(texture, q, q, lod or texture.level)

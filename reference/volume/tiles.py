@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..datatypes import F32, Bool
+from ..datatypes import F32, I64, Bool, pre_exposure
 from ..lattice import OCTANTS
 from .layout import TEXEL_OFFSETS, TEXELS, TileLayout
 
@@ -18,19 +18,18 @@ CHANNELS = 13  # 3 colours × 4 SH coefficients, then the weight
 Storage = Literal["float32", "half16", "half8"]
 
 
-def _parent_weights() -> F32:
-    """Trilinear weights (8 octants, 27 texels, 27 parent texels) of a tile's texels within the tile one level up."""
-    weights = np.zeros((8, TEXELS, TEXELS), dtype=np.float32)
-    for o, octant in enumerate(OCTANTS):
-        for t, texel in enumerate(TEXEL_OFFSETS):
-            for c in OCTANTS:
-                share = np.prod(np.where(c == 1, texel / 2.0, 1.0 - texel / 2.0))
-                x, y, z = octant + c
-                weights[o, t, (x * 3 + y) * 3 + z] += share
+def _corner_weights(first: I64, step: int) -> F32:
+    """Trilinear weights (27, 27) of a tile's texels on the texels first + step · {0, 1}³ of the tile above."""
+    weights = np.zeros((TEXELS, TEXELS), dtype=np.float32)
+    for t, texel in enumerate(TEXEL_OFFSETS):
+        for corner in OCTANTS:
+            x, y, z = first + step * corner
+            weights[t, (x * 3 + y) * 3 + z] += np.prod(np.where(corner == 1, texel / 2.0, 1.0 - texel / 2.0))
     return weights
 
 
-PARENT_WEIGHTS = _parent_weights()
+PARENT_WEIGHTS = np.stack([_corner_weights(octant, 1) for octant in OCTANTS])  # (8 octants, 27, 27)
+ROOT_WEIGHTS = _corner_weights(np.zeros(3, dtype=np.int64), 2)
 
 
 def probe_texels(coefficients: F32, valid: Bool) -> F32:
@@ -46,25 +45,26 @@ def fill_tiles(layout: TileLayout, probes: F32) -> F32:
     for i, probe in enumerate(layout.probe):
         begin, end = layout.first_slot[i], layout.first_slot[i + 1]
         real = table[probe]
-        if i == 0:
-            out[begin:end] = real
-            continue
-        above = out[layout.first_slot[i - 1] : begin][layout.parent_tile[i]]
-        virtual = np.empty_like(real)
-        for octant in range(8):
-            mine = layout.octant[i] == octant
-            virtual[mine] = np.einsum("tp,npc->ntc", PARENT_WEIGHTS[octant], above[mine])
+        if i == 0:  # the root: its eight corners are the tile's own
+            virtual = np.einsum("tp,npc->ntc", ROOT_WEIGHTS, real)
+        else:
+            above = out[layout.first_slot[i - 1] : begin][layout.parent_tile[i]]
+            virtual = np.empty_like(real)
+            for octant in range(8):
+                mine = layout.octant[i] == octant
+                virtual[mine] = np.einsum("tp,npc->ntc", PARENT_WEIGHTS[octant], above[mine])
         out[begin:end] = np.where((probe >= 0)[..., None], real, virtual)
     return out
 
 
 def stored(texels: F32, storage: Storage) -> F32:
     """What survives a storage format, as f32: `float32` all, `half16` half light and 16-bit unorm weight, `half8` half
-    light and 8-bit unorm weight (the talk's 25 bytes)."""
+    light and 8-bit unorm weight (the talk's 25 bytes). Half floats hold light divided by `pre_exposure`."""
     if storage == "float32":
         return texels
     steps = np.float32(65535 if storage == "half16" else 255)
-    light = texels[..., :12].astype(np.float16).astype(np.float32)
+    exposure = np.float32(pre_exposure(texels))
+    light = (texels[..., :12] / exposure).astype(np.float16).astype(np.float32) * exposure
     weight = np.round(texels[..., 12:] * steps) / steps
     return np.concatenate([light, weight.astype(np.float32)], axis=-1)
 

@@ -6,6 +6,7 @@ import struct
 
 import numpy as np
 from lightgauge.fastpath.layout import cache_textures, grid_words, lod_table
+from lightgauge.reference.datatypes import pre_exposure
 from small_scenes import random_probes, random_tree, texture_of
 
 
@@ -50,6 +51,7 @@ def test_tables_of_the_kernel() -> None:
     table = lod_table(texture)
     assert table[:, 0].tolist() == texture.indirection.first[:-1].tolist()
     assert table[:, 1:].tolist() == [[1] * 3, [2] * 3, [4] * 3, [8] * 3]
-    words = grid_words(texture)
+    words = grid_words(texture, "half16")
+    scale = pre_exposure(texture.texels)
     assert len(words) == 48
-    assert struct.unpack("8f4i", words) == (0, 0, 0, 1, 16, 16, 16, 0, *texture.indirection.cache, 4)
+    assert struct.unpack("8f4i", words) == (0, 0, 0, 1, 16, 16, 16, scale, *texture.indirection.cache, 4)

@@ -1,10 +1,12 @@
 """Error of probe lighting against a noisy reference.
 
-    MSE     = mean over points and colours of (Ê - R₁)(Ê - R₂)      R₁, R₂ independent halves: their noise cancels
+    MSE     = mean over points and colours of (Ê - R_a)(Ê - R_b), over all pairs a ≠ b of independent randomisations
     relRMSE = √max(MSE, 0) / mean(R)
 
-Standard errors join two jackknives: over the reference's independent randomisations (its noise) and over blocks of
-points (the choice of points); Efron and Stein 1981. An MSE under twice its standard error is below the noise floor.
+The cross-half estimator, averaged over all ways to halve: the reference's noise cancels. With d_b = Ê - R_b it is
+((Σ d_b)² - Σ d_b²) / (B (B - 1)). Standard errors by jackknife over blocks of points (Efron and Stein 1981): the
+reference's noise is independent from point to point, so they hold it too. An MSE under twice its standard error is below
+the noise floor.
 """
 
 from __future__ import annotations
@@ -31,11 +33,10 @@ class Measured:
 
 
 def cross_half_mse(ours: F64, batches: F64) -> float:
-    """`ours` (N, 3) or (B, N, 3), `batches` (B, N, 3). Per-batch values of `ours` are split like the reference."""
-    first, second = batches[0::2].mean(axis=0), batches[1::2].mean(axis=0)
-    if ours.ndim == 3:
-        return float(np.mean((ours[0::2].mean(axis=0) - first) * (ours[1::2].mean(axis=0) - second)))
-    return float(np.mean((ours - first) * (ours - second)))
+    """`ours` (N, 3), or (B, N, 3) with a noise of its own per randomisation; `batches` (B, N, 3)."""
+    d = ours - batches
+    pairs = d.sum(axis=0) ** 2 - (d**2).sum(axis=0)
+    return float(pairs.mean()) / (len(batches) * (len(batches) - 1))
 
 
 def rel_rmse(ours: F64, batches: F64) -> float:
@@ -57,16 +58,13 @@ def worst_case(ours: F64, batches: F64, percentile: float = 99.0) -> float:
 
 
 def jackknife(statistic: Callable[[F64, F64], float], ours: F64, batches: F64) -> float:
-    """Standard error of `statistic(ours, batches)`: leave out one randomisation, and one block of points."""
-    b, n = batches.shape[:2]
-    keep = [np.delete(np.arange(b), i) for i in range(b)]
-    by_seed = [statistic(ours[k] if ours.ndim == 3 else ours, batches[k]) for k in keep]
+    """Standard error of `statistic(ours, batches)`: leave out one block of points at a time."""
+    n = batches.shape[1]
     block = np.arange(n) * POINT_BLOCKS // n if n >= POINT_BLOCKS else np.arange(n)
-    # Points come in a low-discrepancy or image order: interleave, so that every block covers the scene.
+    # Points come in a low-discrepancy or image order: mix, so that every block covers the scene.
     block = np.random.default_rng(0).permutation(block)
     rest = [block != i for i in range(int(block.max()) + 1)]
-    by_point = [statistic(ours[..., r, :], batches[:, r]) for r in rest]
-    return math.hypot(_jackknife_se(by_seed), _jackknife_se(by_point))
+    return _jackknife_se([statistic(ours[..., r, :], batches[:, r]) for r in rest])
 
 
 def _jackknife_se(values: list[float]) -> float:

@@ -8,7 +8,7 @@ averaged over normals and Ē₀ its mean over points: so the figure belongs to t
 cancels (the side away from the light) it divides by almost nothing, and is larger.
 
 Points lie on faces, edges and vertices of leaf voxels (the ones samples really use); the sides are all the voxels that
-meet there, found by looking a hair to each side. Every border between levels is tested before those within a level.
+meet there, found by looking a hair to each side. Three quarters lie between levels, where there are so many.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def seam_points(texture: VirtualTexture, regions: np.ndarray | None, seed: int) 
     q = q[inside]
     levels = np.stack([locate(texture, _nudged(texture, q, s), np.full(len(q), texture.level))[1] for s in SIDES])
     across = (levels != levels[0]).any(axis=0)
-    order = np.argsort(~across, kind="stable")[:MAX_POINTS]
+    order = np.concatenate([np.flatnonzero(across)[: 3 * MAX_POINTS // 4], np.flatnonzero(~across)])[:MAX_POINTS]
     normals = sphere(rng.random((len(order), 2)))
     return SeamPoints(q[order], normals, int(across[order].sum()))
 
