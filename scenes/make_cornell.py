@@ -79,8 +79,22 @@ LAMP = ((343.0, 227.0), (343.0, 332.0), (213.0, 332.0), (213.0, 227.0))
 HEIGHT, SHORT_HEIGHT, TALL_HEIGHT = 548.8, 165.0, 330.0
 # Delaunay triangles of the floor around the blocks' feet (corners 0-3 floor, 4-7 short, 8-11 tall), facing up, and of
 # the ceiling around the lamp (0-3 ceiling, 4-7 lamp), facing down.
-FLOOR_FACES = ((1, 2, 5), (1, 4, 0), (0, 4, 7), (1, 5, 4), (9, 7, 6), (2, 9, 6), (2, 6, 5), (0, 7, 8), (9, 8, 7),
-               (2, 10, 9), (2, 3, 10), (3, 11, 10), (0, 11, 3), (0, 8, 11))
+FLOOR_FACES = (
+    (1, 2, 5),
+    (1, 4, 0),
+    (0, 4, 7),
+    (1, 5, 4),
+    (9, 7, 6),
+    (2, 9, 6),
+    (2, 6, 5),
+    (0, 7, 8),
+    (9, 8, 7),
+    (2, 10, 9),
+    (2, 3, 10),
+    (3, 11, 10),
+    (0, 11, 3),
+    (0, 8, 11),
+)
 CEILING_FACES = ((3, 6, 2), (1, 5, 0), (7, 6, 3), (5, 4, 0), (5, 1, 2), (6, 5, 2), (4, 7, 3), (4, 3, 0))
 Corners = tuple[tuple[float, float], ...]
 
@@ -112,7 +126,9 @@ def build() -> dict[str, bytes]:
         "lamp": polygons(at(HEIGHT, LAMP), (0, 1, 2, 3)),
     }
     return bundle(
-        TOML, README, meshes,
+        TOML,
+        README,
+        meshes,
         white=cornell_data.albedo(cornell_data.WHITE),
         green=cornell_data.albedo(cornell_data.GREEN),
         red=cornell_data.albedo(cornell_data.RED),

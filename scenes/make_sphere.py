@@ -74,8 +74,13 @@ def build() -> dict[str, bytes]:
     irradiance = [math.pi * v / 2.0 / (1.0 - ALBEDO) for v in RADIANCE]
     upper = [math.pi * v + ALBEDO * h for v, h in zip(RADIANCE, irradiance, strict=True)]
     return bundle(
-        TOML, README, {"upper": ball.only(above), "lower": ball.only(~above)},
-        radius=RADIUS, levels=LEVELS, albedo=ALBEDO, radiance=RADIANCE,
+        TOML,
+        README,
+        {"upper": ball.only(above), "lower": ball.only(~above)},
+        radius=RADIUS,
+        levels=LEVELS,
+        albedo=ALBEDO,
+        radiance=RADIANCE,
         irradiance=tuple(round(v, 4) for v in irradiance),
         upper=tuple(round(v, 4) for v in upper),
         lower=tuple(round(ALBEDO * v, 4) for v in irradiance),

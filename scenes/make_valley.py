@@ -14,13 +14,25 @@ GRID = 64
 PLAIN, RIVER, ROCK_HEIGHT = 34.0, 9.0, 42.0
 # Along the valley (x), across from its middle line, length, width, height of the walls, turn in degrees.
 HOUSES = (
-    (-52.0, 22.0, 12.0, 8.0, 5.0, 10.0), (-30.0, 26.0, 9.0, 7.0, 3.5, -20.0), (-8.0, 20.0, 14.0, 8.0, 5.5, 5.0),
-    (16.0, 28.0, 9.0, 7.0, 4.0, 75.0), (38.0, 21.0, 11.0, 8.0, 5.0, -10.0), (-20.0, -24.0, 10.0, 7.0, 4.0, 15.0),
+    (-52.0, 22.0, 12.0, 8.0, 5.0, 10.0),
+    (-30.0, 26.0, 9.0, 7.0, 3.5, -20.0),
+    (-8.0, 20.0, 14.0, 8.0, 5.5, 5.0),
+    (16.0, 28.0, 9.0, 7.0, 4.0, 75.0),
+    (38.0, 21.0, 11.0, 8.0, 5.0, -10.0),
+    (-20.0, -24.0, 10.0, 7.0, 4.0, 15.0),
     (30.0, -26.0, 12.0, 9.0, 5.5, -35.0),
 )
 TOWER = (3.0, 33.0, 5.0, 5.0, 10.0, 20.0)
-TREES = ((-66.0, 30.0, 12.0), (-41.0, 36.0, 9.0), (27.0, 36.0, 13.0), (52.0, 30.0, 10.0), (-36.0, -22.0, 11.0),
-         (8.0, -28.0, 14.0), (48.0, -22.0, 8.0), (-90.0, -30.0, 15.0))  # along, across, height
+TREES = (
+    (-66.0, 30.0, 12.0),
+    (-41.0, 36.0, 9.0),
+    (27.0, 36.0, 13.0),
+    (52.0, 30.0, 10.0),
+    (-36.0, -22.0, 11.0),
+    (8.0, -28.0, 14.0),
+    (48.0, -22.0, 8.0),
+    (-90.0, -30.0, 15.0),
+)  # along, across, height
 ROCKS = ((-110.0, 24.0, 4.5), (-75.0, -20.0, 3.0), (70.0, 18.0, 5.0), (95.0, -26.0, 6.5), (130.0, 22.0, 4.0))
 
 TOML = """
@@ -54,7 +66,7 @@ walkable = { min = [-200.0, $floor, -60.0], max = [200.0, $top, 60.0], probe_siz
 
 [cameras]
 overview = { origin = [-215.0, 75.0, 120.0], target = [10.0, 5.0, 5.0], fov_deg = 60.0 }
-village = { origin = [-78.0, 7.0, 5.0], target = [20.0, 3.0, 22.0], fov_deg = 60.0 }
+village = { origin = [-82.0, 9.0, -14.0], target = [0.0, 2.0, 16.0], fov_deg = 55.0 }
 
 [placement]
 min_voxel = 2.0
@@ -96,7 +108,9 @@ def ground(x: float, z: float) -> float:
     hills = 50.0 + 16.0 * math.sin(x / 47.0 + 1.0) + 10.0 * math.sin(z / 31.0 + x / 90.0)
     rough = 1.8 * math.sin(x / 17.0) * math.sin(z / 19.0 + 0.7)
     slope = smoothstep(PLAIN, 190.0, off)
-    return slope * hills + smoothstep(PLAIN, 90.0, off) * rough - 1.5 * (1.0 - smoothstep(0.3, 1.0, off / (RIVER + 6.0)))
+    return (
+        slope * hills + smoothstep(PLAIN, 90.0, off) * rough - 1.5 * (1.0 - smoothstep(0.3, 1.0, off / (RIVER + 6.0)))
+    )
 
 
 def terrain() -> dict[str, Shape]:
@@ -148,6 +162,7 @@ def boulders() -> Shape:
 
 def objects() -> dict[str, Shape]:
     """All that stands on the terrain, one mesh per material."""
+
     def pairs(make: Callable[..., tuple[Shape, Shape]], rows: tuple[tuple[float, ...], ...]) -> tuple[Shape, Shape]:
         made = [make(*row) for row in rows]
         return join([a for a, _ in made]), join([b for _, b in made])

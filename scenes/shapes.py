@@ -84,12 +84,6 @@ def quad(a: Point, b: Point, c: Point, d: Point) -> Shape:
     return polygons((a, b, c, d), (0, 1, 2, 3))
 
 
-def framed(outer: Sequence[Point], inner: Sequence[Point]) -> Shape:
-    """The frame between two quadrilaterals of the same plane and winding; the hole is `inner`."""
-    loops = [(k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k) for k in range(4)]
-    return polygons((*outer, *inner), *loops)
-
-
 def lathe(profile: Sequence[tuple[float, float]], sides: int, phase: float = 0.0) -> Shape:
     """Surface of revolution about +y through (radius, y) pairs from bottom to top; radius 0 closes an end.
 
@@ -102,8 +96,10 @@ def lathe(profile: Sequence[tuple[float, float]], sides: int, phase: float = 0.0
     for (r0, _), (r1, _), low, high in zip(profile, profile[1:], rings, rings[1:], strict=False):
         for k in range(sides):
             a, b, c, d = low[k], low[(k + 1) % sides], high[(k + 1) % sides], high[k]
-            faces.append(polygons((a, c, d), (0, 1, 2)) if r0 == 0 else quad(a, b, c, d) if r1 else
-                         polygons((a, b, c), (0, 1, 2)))
+            if r0 == 0:
+                faces.append(polygons((a, c, d), (0, 1, 2)))
+            else:
+                faces.append(quad(a, b, c, d) if r1 else polygons((a, b, c), (0, 1, 2)))
     return join(faces)
 
 

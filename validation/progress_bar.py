@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 
 class ProgressBar:
-    """Callback of (stage, done, total), shown as a bar per stage; says nothing when quiet."""
+    """Callback of (stage, done, total), shown as a bar per stage; says nothing when quiet or off a terminal."""
 
     def __init__(self, label: str, quiet: bool) -> None:
         self._label, self._quiet = label, quiet
@@ -27,7 +27,9 @@ class ProgressBar:
         if self._bar is None or stage != self._stage:
             self._close()
             self._stage = stage
-            self._bar = tqdm(total=total, desc=f"{self._label}: {stage}", file=sys.stderr, leave=False, unit_scale=True)
+            self._bar = tqdm(
+                total=total, desc=f"{self._label}: {stage}", file=sys.stderr, leave=False, unit_scale=True, disable=None
+            )
         self._bar.total = total
         self._bar.n = done
         self._bar.refresh()

@@ -25,7 +25,7 @@ from ...reference.volume.sampler import MIN_WEIGHT, locate, resolve
 from .error import Measured
 
 NUDGE = 1e-3  # of a finest voxel: how far to each side to look for the neighbour
-MAX_POINTS = 60_000
+MAX_POINTS = 20_000
 SIDES = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float32)
 
 

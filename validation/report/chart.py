@@ -1,8 +1,9 @@
 """Speed against accuracy: relRMSE with its interval against probes, bytes and update time, all logarithmic.
 
 Drawn straight as SVG: the same input gives the same bytes, and the drawing suits a light and a dark page. Each mark is
-a setting (its name appears under the pointer), the stepped line the Pareto front, the shaded bands what no L1 probe can
-reach (floor) and what the reference cannot tell (noise).
+a setting (its name appears under the pointer) with a bar of ± 2 standard errors, the stepped line the Pareto front, the
+shaded bands what no L1 probe can reach (floor) and what the reference cannot tell (noise); they are named in the margin,
+where no mark can cover the words.
 """
 
 from __future__ import annotations
@@ -17,12 +18,14 @@ import numpy.typing as npt
 from .svg import LogScale, escaped, padded, tag, text, ticks
 from .words import amount, percent
 
-WIDTH, HEIGHT = 1140.0, 420.0
-TOP, BOTTOM, LEFT, PANEL, GAP = 52.0, 352.0, 66.0, 326.0, 40.0
+WIDTH, HEIGHT = 1140.0, 500.0
+TOP, BOTTOM, LEFT, PANEL, GAP = 56.0, 436.0, 64.0, 300.0, 42.0
+LINE = 15.0  # from one line of text to the next
 COSTS = (("probes", "probes"), ("bytes", "bytes of the bake"), ("update_ms", "update time"))
+FRONTS = {"probes": "probes", "bytes": "bytes", "update_ms": "time"}
 METHODS = {
     "adaptive": ("adaptive octree", "#3b82d6", "circle"),
-    "uniform": ("uniform grid", "#e07b1a", "square"),
+    "uniform": ("uniform grid", "#cf6d10", "square"),
     "per_mesh": ("one sample a mesh", "#2e9e5b", "triangle"),
 }
 OTHER = ("#8a8f98", "diamond")
@@ -53,7 +56,7 @@ def draw_chart(chart: Mapping[str, Any]) -> str:
     panels = [_panel(rows, i, y, bands) for i in range(len(COSTS))]
     title = f"Relative RMS error against cost, {chart['scene']}"
     return tag(
-        "svg", tag("title", escaped(title)), _legend(rows), *panels,
+        "svg", tag("title", escaped(title)), _legend(rows), *panels, *_band_names(bands, y),
         xmlns="http://www.w3.org/2000/svg", viewBox=f"0 0 {WIDTH:g} {HEIGHT:g}", class_="chart", role="img",
         font_family="system-ui, sans-serif", font_size=13.0, fill="currentColor",
     )  # fmt: skip
@@ -61,7 +64,7 @@ def draw_chart(chart: Mapping[str, Any]) -> str:
 
 def _error_range(rows: Sequence[Row], bands: Bands) -> tuple[float, float]:
     values = [float(row["relrmse"]["value"]) for row in rows]
-    return padded([v for v in values if v > 0.0] + [v for _, v in bands], 1.35)
+    return padded([v for v in values if v > 0.0] + [v for _, v in bands], 1.2)
 
 
 def _panel(rows: Sequence[Row], index: int, y: LogScale, bands: Bands) -> str:
@@ -69,18 +72,28 @@ def _panel(rows: Sequence[Row], index: int, y: LogScale, bands: Bands) -> str:
     left = LEFT + index * (PANEL + GAP)
     positive = [float(row[key]) for row in rows if float(row[key]) > 0.0]
     x = LogScale(*padded(positive, 1.5), left, left + PANEL)
-    parts = _bands(bands, x, y, index == len(COSTS) - 1) + _axes(x, y, key, label, index == 0)
-    front = [bool(row["pareto"][key]) for row in rows] if all(key in row.get("pareto", {}) for row in rows) else None
-    errors = [float(row["relrmse"]["value"]) for row in rows]
-    mask = pareto_front([float(row[key]) for row in rows], errors) if front is None else np.array(front, bool)
+    parts = _bands(bands, x, y) + _axes(x, y, key, label, index == 0)
+    mask = on_front(rows, key)
     parts.append(_front([row for row, on in zip(rows, mask, strict=True) if on], key, x, y))
     parts += [_mark(row, key, x, y) for row in rows]
     return tag("g", *parts)
 
 
-def _bands(bands: Bands, x: LogScale, y: LogScale, labelled: bool) -> list[str]:
+def on_front(rows: Sequence[Row], key: str) -> npt.NDArray[np.bool_]:
+    """(N,) bool: on the front of cost `key`, as the record says, or worked out where it does not."""
+    if all(key in row.get("pareto", {}) for row in rows):
+        return np.array([row["pareto"][key] for row in rows], np.bool_)
+    return pareto_front([float(row[key]) for row in rows], [float(row["relrmse"]["value"]) for row in rows])
+
+
+def fronts(rows: Sequence[Row]) -> dict[str, npt.NDArray[np.bool_]]:
+    """`on_front` for each cost, by a short name of the cost."""
+    return {FRONTS[key]: on_front(rows, key) for key, _ in COSTS}
+
+
+def _bands(bands: Bands, x: LogScale, y: LogScale) -> list[str]:
     parts = []
-    for name, value in bands:
+    for _, value in bands:
         at = y(value)
         parts.append(
             tag("rect", x=x.start, y=at, width=PANEL, height=BOTTOM - at, fill="currentColor", fill_opacity=0.07)
@@ -89,9 +102,18 @@ def _bands(bands: Bands, x: LogScale, y: LogScale, labelled: bool) -> list[str]:
             tag("line", x1=x.start, x2=x.end, y1=at, y2=at, stroke="currentColor", stroke_opacity=0.6,
                 stroke_dasharray="5 4")
         )  # fmt: skip
-        if labelled:
-            words = f"{name} {percent(value)}"
-            parts.append(text(words, x.end - 6, at - 5, text_anchor="end", font_size=12.0, fill_opacity=0.85))
+    return parts
+
+
+def _band_names(bands: Bands, y: LogScale) -> list[str]:
+    """Name and value of each band, beside its line in the right margin, pushed down where they would touch."""
+    x, free, parts = LEFT + len(COSTS) * PANEL + (len(COSTS) - 1) * GAP + 8.0, 0.0, []
+    for name, value in sorted(bands, key=lambda band: -band[1]):
+        at = max(y(value) + 4.0, free)
+        for line in (*name.split(" ", 1 if name == "reference noise" else 0), percent(value)):
+            parts.append(text(line, x, at, font_size=12.0))
+            at += LINE
+        free = at + 4.0
     return parts
 
 
@@ -113,7 +135,7 @@ def _axes(x: LogScale, y: LogScale, key: str, label: str, first: bool) -> list[s
     middle = (x.start + x.end) / 2.0
     parts.append(text(label, middle, BOTTOM + 43, text_anchor="middle", font_weight="600"))
     if first:
-        parts.append(text("relRMSE", x.start - 8, TOP - 12, text_anchor="end", font_weight="600"))
+        parts.append(text("relRMSE", 2.0, TOP - 12, font_weight="600"))
     return parts
 
 
@@ -143,13 +165,18 @@ def _mark(row: Row, key: str, x: LogScale, y: LogScale) -> str:
         f"{amount('probes', row['probes'])} probes, {amount('bytes', row['bytes'])}, "
         f"update {amount('update_ms', row['update_ms'])}"
     )
-    bar = tag("line", x1=at, x2=at, y1=low, y2=high, stroke=colour, stroke_width=1.5)
     title = tag("title", escaped(said))
-    return tag("g", title, bar, _shape(shape, at, level, colour, hollow=value <= 0.0))
+    return tag("g", title, _shape(shape, at, level, colour, hollow=value <= 0.0), _bar(at, low, high, colour))
 
 
-def _shape(shape: str, x: float, y: float, colour: str, hollow: bool = False, r: float = 5.0) -> str:
-    paint = {"fill": "none" if hollow else colour, "stroke": colour}
+def _bar(x: float, low: float, high: float, colour: str) -> str:
+    """An error bar with caps, over its mark: the mark is pale, so the bar shows even where it is shorter."""
+    d = f"M{x:.2f},{low:.2f}V{high:.2f}M{x - 4:.2f},{low:.2f}h8M{x - 4:.2f},{high:.2f}h8"
+    return tag("path", d=d, fill="none", stroke=colour, stroke_width=1.5)
+
+
+def _shape(shape: str, x: float, y: float, colour: str, hollow: bool = False, r: float = 4.5) -> str:
+    paint: dict[str, str | float] = {"fill": "none" if hollow else colour, "fill_opacity": 0.35, "stroke": colour}
     if shape == "circle":
         return tag("circle", cx=x, cy=y, r=r, **paint)
     if shape == "square":
@@ -164,7 +191,7 @@ def _legend(rows: Sequence[Row]) -> str:
     for method in dict.fromkeys(row["method"] for row in rows):
         label, colour, shape = METHODS.get(method, (method, *OTHER))
         parts += [_shape(shape, x, 20.0, colour), text(label, x + 12.0, 24.5)]
-        x += 34.0 + 7.2 * len(label)
+        x += 40.0 + 7.6 * len(label)
     parts.append(tag("line", x1=x, x2=x + 26.0, y1=20.0, y2=20.0, stroke="currentColor", stroke_width=1.6))
     parts += [text("Pareto front", x + 32.0, 24.5), text("bars: ± 2 standard errors", x + 138.0, 24.5)]
     return tag("g", *parts)

@@ -2,7 +2,9 @@
 
 Colour says the level (blue the coarsest, red the finest), shape the kind: a filled disc is a real, valid probe, a small
 ring a virtual one, a cross an invalid one. A probe behind the surface seen there is hidden; the nearest is drawn last.
-The dots grow with their voxel and shrink with distance, within what can be read.
+The dots grow with their voxel and shrink with distance, within what can be read. Probes further than a voxel from all
+that the camera sees cannot light any of it: they are faint and below the others, else the air in front of a far
+surface, or the sky, would hide what the picture is about.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ import math
 
 import numpy as np
 from PIL import Image, ImageDraw
+from scipy.spatial import cKDTree
 
 from ...reference.datatypes import F32, F64, I32, U8, Bool
 from .pictures import (
@@ -27,8 +30,10 @@ from .pictures import (
 
 MIN_WIDTH = 800
 SUPERSAMPLE = 2
-RADIUS = (1.9, 8.0)
-DOT_PER_VOXEL = 0.075
+RADIUS = (1.7, 6.5)
+DOT_PER_VOXEL = 0.065
+FAINT, FAINT_RADIUS = 0.32, 2.4
+SOFT = {VIRTUAL: 0.8, INVALID: 0.7}
 NEAR = 1e-6
 # Coarse to fine, bright enough for a dark ground, told apart also by colour-blind readers through their lightness.
 LEVEL_STOPS = ((64, 124, 255), (48, 205, 230), (105, 225, 105), (255, 224, 70), (255, 150, 50), (245, 80, 85))
@@ -44,19 +49,48 @@ def level_colours(levels: I32 | list[int]) -> dict[int, Colour]:
     return {level: (c[0], c[1], c[2]) for level, c in zip(found, rgb, strict=True)}
 
 
+def axes(pose: CameraPose) -> F64:
+    """(3, 3) rows: unit vectors to the right, up and ahead."""
+    origin, target, up = (np.asarray(v, np.float64) for v in (pose.origin, pose.target, pose.up))
+    ahead = (target - origin) / np.linalg.norm(target - origin)
+    right = np.cross(ahead, up)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(right, ahead), ahead])
+
+
+def focal(pose: CameraPose) -> float:
+    """Pixels per unit of tangent: focal length in pixels."""
+    return 0.5 * pose.width / math.tan(math.radians(pose.fov_deg) / 2.0)
+
+
 def project(pose: CameraPose, points: F32 | F64) -> tuple[F64, F64]:
     """(N, 3) m -> (N, 2) pixel coordinates (0, 0 the top left corner; NaN behind the camera) and (N,) distances, m."""
-    origin, target, up = (np.asarray(v, np.float64) for v in (pose.origin, pose.target, pose.up))
-    forward = (target - origin) / np.linalg.norm(target - origin)
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
-    offset = np.asarray(points, np.float64).reshape(-1, 3) - origin
-    ahead = offset @ forward
-    scale = 0.5 * pose.width / math.tan(math.radians(pose.fov_deg) / 2.0)
-    per_metre = np.divide(scale, ahead, out=np.full(len(offset), np.nan), where=ahead > NEAR)
-    x = 0.5 * pose.width + (offset @ right) * per_metre
-    y = 0.5 * pose.height - (offset @ np.cross(right, forward)) * per_metre
-    return np.stack([x, y], axis=-1), np.linalg.norm(offset, axis=-1)
+    offset = np.asarray(points, np.float64).reshape(-1, 3) - np.asarray(pose.origin, np.float64)
+    right, up, ahead = (offset @ axis for axis in axes(pose))
+    per_metre = np.divide(focal(pose), ahead, out=np.full(len(offset), np.nan), where=ahead > NEAR)
+    xy = np.stack([0.5 * pose.width + right * per_metre, 0.5 * pose.height - up * per_metre], axis=-1)
+    return xy, np.linalg.norm(offset, axis=-1)
+
+
+def seen_points(pictures: CameraPictures, pose: CameraPose) -> F64:
+    """(N, 3) m, the surface points behind the pixels: the inverse of `project` at the pixels' middles."""
+    row, column = np.nonzero(pictures.hit & np.isfinite(pictures.depth))
+    x, y = (column + 0.5 - 0.5 * pose.width) / focal(pose), (0.5 * pose.height - row - 0.5) / focal(pose)
+    direction = np.stack([x, y, np.ones_like(x)], axis=-1) @ axes(pose)
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    points: F64 = np.asarray(pose.origin, np.float64) + direction * pictures.depth[row, column, None]
+    return points
+
+
+def lighting(pictures: CameraPictures, pose: CameraPose, dots: ProbeDots, sizes: dict[int, float]) -> Bool:
+    """(N,) bool: no further than its own voxel size from a surface point that the camera sees."""
+    points = seen_points(pictures, pose)
+    if not len(points) or not len(dots.level):
+        return np.zeros(len(dots.level), np.bool_)
+    reach = np.array([sizes[int(level)] for level in dots.level])
+    gap, _ = cKDTree(points).query(dots.positions, distance_upper_bound=float(reach.max()) * 1.001)
+    result: Bool = gap <= reach
+    return result
 
 
 def visible(pictures: CameraPictures, xy: F64, distance: F64, tolerance: float = 0.02) -> Bool:
@@ -82,8 +116,8 @@ def voxel_sizes(dots: ProbeDots) -> dict[int, float]:
 
 
 def ground(pictures: CameraPictures, scale: float) -> Image.Image:
-    """The picture to draw on: reflected light as dimmed gray, enlarged by `scale`."""
-    lit = pictures.truth * pictures.albedo
+    """The picture to draw on: our reflected light (it has no noise) as dimmed gray, enlarged by `scale`."""
+    lit = np.nan_to_num(pictures.ours * pictures.albedo, nan=0.0, posinf=0.0, neginf=0.0)
     factor = exposure(lit, lit, pictures.hit)
     lift = error_floor(lit, pictures.hit) + pictures.albedo.mean(axis=-1) * (0.06 / factor)
     gray = srgb_bytes((luminance(lit) + lift).astype(np.float32) * np.float32(factor)).astype(np.float32) * 0.5 + 14.0
@@ -100,36 +134,45 @@ def draw_probes(pictures: CameraPictures, pose: CameraPose, dots: ProbeDots) -> 
     scale = max(1, math.ceil(MIN_WIDTH / width)) * SUPERSAMPLE
     image = ground(pictures, scale)
     xy, distance = project(pose, dots.positions)
-    shown = np.flatnonzero(visible(pictures, xy, distance))
-    order = shown[np.argsort(-distance[shown], kind="stable")]
     sizes, colours = voxel_sizes(dots), level_colours(dots.level)
-    per_metre = 0.5 * width / math.tan(math.radians(pose.fov_deg) / 2.0) * scale / SUPERSAMPLE
+    near = lighting(pictures, pose, dots, sizes)
+    shown = np.flatnonzero(visible(pictures, xy, distance))
+    order = shown[np.lexsort((-distance[shown], near[shown]))]
     canvas = ImageDraw.Draw(image)
     for i in order:
-        level = int(dots.level[i])
-        radius = DOT_PER_VOXEL * sizes[level] * per_metre / max(float(distance[i]), NEAR)
-        radius = min(max(radius, RADIUS[0]), RADIUS[1]) * SUPERSAMPLE
+        level, kind = int(dots.level[i]), int(dots.kind[i])
+        radius = DOT_PER_VOXEL * sizes[level] * focal(pose) * scale / SUPERSAMPLE / max(float(distance[i]), NEAR)
+        radius = min(max(radius, RADIUS[0]), RADIUS[1] if near[i] else FAINT_RADIUS) * SUPERSAMPLE
         centre = (float(xy[i, 0]) * scale, float(xy[i, 1]) * scale)
-        draw_dot(canvas, centre, radius, colours[level], int(dots.kind[i]))
+        strength = SOFT.get(kind, 1.0) * (1.0 if near[i] else FAINT)
+        draw_dot(canvas, centre, radius, mixed(colours[level], strength), kind, edged=bool(near[i]))
     small = image.resize((image.width // SUPERSAMPLE, image.height // SUPERSAMPLE), Image.Resampling.BOX)
     return np.asarray(small, np.uint8)
 
 
-def draw_dot(canvas: ImageDraw.ImageDraw, at: tuple[float, float], radius: float, colour: Colour, kind: int) -> None:
-    """One probe. Shape by kind, with a dark edge that sets it off from its neighbours."""
+def mixed(colour: Colour, strength: float) -> Colour:
+    """The colour over a dark gray."""
+    r, g, b = (round(strength * c + (1.0 - strength) * 55.0) for c in colour)
+    return r, g, b
+
+
+def draw_dot(
+    canvas: ImageDraw.ImageDraw, at: tuple[float, float], radius: float, colour: Colour, kind: int, edged: bool = True
+) -> None:
+    """One probe. Shape by kind; a real one has a dark edge that sets it off from its neighbours."""
     x, y = at
     line = max(1, round(0.32 * radius))
     if kind == INVALID:
         r = radius * 0.8
-        dim: Colour = (int(colour[0] * 0.75), int(colour[1] * 0.75), int(colour[2] * 0.75))
-        canvas.line([(x - r, y - r), (x + r, y + r)], fill=dim, width=line)
-        canvas.line([(x - r, y + r), (x + r, y - r)], fill=dim, width=line)
+        canvas.line([(x - r, y - r), (x + r, y + r)], fill=colour, width=line)
+        canvas.line([(x - r, y + r), (x + r, y - r)], fill=colour, width=line)
     elif kind == VIRTUAL:
         r = radius * 0.75
         canvas.ellipse([x - r, y - r, x + r, y + r], outline=colour, width=line)
     else:
         edge = radius + SUPERSAMPLE * 0.6
-        canvas.ellipse([x - edge, y - edge, x + edge, y + edge], fill=(12, 12, 14))
+        if edged:
+            canvas.ellipse([x - edge, y - edge, x + edge, y + edge], fill=(12, 12, 14))
         canvas.ellipse([x - radius, y - radius, x + radius, y + radius], fill=colour)
 
 

@@ -21,7 +21,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from ..record import SCHEMA_FILE, JsonObject, validate_results, write_bytes_atomic, write_json_atomic
-from .chart import draw_chart
+from .chart import METHODS, draw_chart, fronts
 from .exr import write_exr
 from .pictures import ERROR_STOPS, SceneView
 from .sections import scene_section, summary_row
@@ -115,7 +115,16 @@ def _shown(value: object) -> object:
 
 def chart_context(chart: Mapping[str, Any]) -> JsonObject:
     """A chart drawn, with its rows for the table below it."""
-    return {"scene": chart["scene"], "svg": Markup(draw_chart(chart)), "rows": chart["rows"]}
+    on = fronts(chart["rows"])
+    rows = [
+        {
+            **row,
+            "words": METHODS[row["method"]][0] if row["method"] in METHODS else row["method"],
+            "fronts": ", ".join(label for label, front in on.items() if front[i]),
+        }
+        for i, row in enumerate(chart["rows"])
+    ]
+    return {"scene": chart["scene"], "svg": Markup(draw_chart(chart)), "rows": rows}
 
 
 def provenance(given: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,10 +15,15 @@ from .pictures import SceneView, png_bytes
 from .verdict import floor_ratio, headline, warnings
 from .words import COSTS, MEANINGS, SUFFIXES, amount, judge, meaning, number, percent, written
 
-SETS = ("relrmse", "bias", "p99", "floor_l1", "reference_noise")
+SETS = (
+    "relrmse", "floor_l1", "relrmse_over_floor", "patch_relrmse", "bias", "patch_bias", "p99", "reference_noise", "unlit_share",
+)  # fmt: skip
 PRIMARY = ("real_probes", "bake_s", "update_ms")
 SAID = {"good": "good", "over": "over", "unsure": "cannot tell", "": ""}
 MARKED = 10
+# Noise of the truth's picture from which its error is shown averaged at first, and the radii of the windows, pixels.
+NOISY, AVERAGES = (0.05, 0.15), (0, 2, 5)
+LONG_PATH = re.compile(r"(?<![\w.:])/(?:[^\s/'\",;]+/){2,}([^\s/'\",;]+/[^\s/'\",;]+)")
 POINTS = {"camera": SUFFIXES[""], "surface": SUFFIXES["_surface"], "volume": SUFFIXES["_volume"]}
 
 
@@ -77,7 +83,7 @@ def scene_section(
         "worst": [worst_row(i, place) for i, place in enumerate(worst)],
         "cost": cost_rows(scene.get("cost", {})),
         "verdicts": [str(v) for v in scene.get("verdicts", [])],
-        "notes": list(scene.get("notes", [])),
+        "notes": [shortened(str(note)) for note in scene.get("notes", [])],
         "files": file_rows(scene.get("files", {})),
         "command": str(scene.get("command", provenance.get("command", ""))),
     }
@@ -92,6 +98,9 @@ def sentence(metrics: Mapping[str, Any]) -> str:
     if floor is not None:
         said += f"; exact L1 probes at those very points would be wrong by {floor['value']} {floor['spread']}".rstrip()
     noise = metrics.get("reference_noise")
+    patches = cell(metrics, "patch_relrmse")
+    if patches is not None and not patches["below"]:
+        said += f"; the patches alone, without probes, are wrong by {patches['value']} {patches['spread']}".rstrip()
     return said + (f". The reference itself carries {percent(float(noise['value']), 2)} of noise." if noise else ".")
 
 
@@ -105,7 +114,8 @@ def view_context(view: SceneView, exr: str, worst: Sequence[Mapping[str, Any]]) 
         "width": pictures.hit.shape[1],
         "height": pictures.hit.shape[0],
         "noise": percent(pictures.truth_noise, 2),
-        "noisy": pictures.truth_noise > 0.05,
+        "noisy": pictures.truth_noise > NOISY[0],
+        "average": AVERAGES[sum(pictures.truth_noise > n for n in NOISY)],
         "broken": broken_pixels(pictures),
         "empty": not bool(pictures.hit.any()),
         "images": fallback(pictures),
@@ -153,6 +163,11 @@ def other_rows(metrics: Mapping[str, Any]) -> list[JsonObject]:
         place = (order.index(base) if known else len(order), name)
         rows.append((place, {"name": name, "label": label, "says": says, "good": good, "cell": cell(metrics, name)}))
     return [row for _, row in sorted(rows, key=lambda pair: pair[0])]
+
+
+def shortened(note: str) -> str:
+    """A note with long file paths cut to folder and name; the record keeps them whole."""
+    return LONG_PATH.sub("\u2026/\\1", note)
 
 
 def worst_row(index: int, place: Mapping[str, Any]) -> JsonObject:

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from .words import Z95, percent
+from .words import SUFFIXES, Z95, percent
 
 Tone = Literal["good", "fair", "bad", "mute"]
 RANK: dict[Tone, int] = {"good": 0, "mute": 1, "fair": 2, "bad": 3}
-AT_FLOOR, NEAR_FLOOR, SMALL, LEAKS, SEAM, HIDDEN = 1.25, 2.0, 0.02, 1e-3, 1e-2, 2.0
+AT_FLOOR, NEAR_FLOOR, SMALL, LEAKS, SEAM, HIDDEN = 1.25, 1.5, 0.02, 1e-3, 1e-2, 2.0
+PATCHES, KERNEL, UNLIT = 0.7, 1e-5, 1e-3
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,14 @@ def headline(scene: Mapping[str, Any]) -> Verdict:
     if value + half <= SMALL:
         return Verdict("accurate", "good", f"The whole 95 % interval is under {percent(SMALL)}.")
     ratio = floor_ratio(metrics)
+    if patch_share(metrics) > PATCHES:
+        words = (
+            f"Without probes the patches' light is already wrong by {percent(_value(metrics, 'patch_relrmse'), 2)}: "
+        )
+        tone: Tone = "fair" if ratio is not None and ratio <= AT_FLOOR else "bad"
+        return Verdict(
+            "patches limited", tone, words + "finer patches help, or it is model error such as gloss; probes do not."
+        )
     if ratio is None:
         return Verdict("no floor to compare", "mute", "Without the floor it is open what limits the error.")
     if ratio <= AT_FLOOR:
@@ -53,6 +62,10 @@ def warnings(scene: Mapping[str, Any]) -> list[Verdict]:
         found.append(Verdict("leaks light", "bad", "Light where there is none: a wall thinner than its voxels?"))
     if max(_low(metrics, "seam_sup"), _low(metrics, "seam_sup_half")) > SEAM:
         found.append(Verdict("visible seams", "bad", "The light jumps by over 1 % between voxels that meet."))
+    if _value(metrics, "kernel_deviation") > KERNEL:
+        found.append(Verdict("kernel deviates", "bad", "The kernel does not give what its specification gives."))
+    if max(_low(metrics, f"unlit_share{suffix}") for suffix in SUFFIXES) > UNLIT:
+        found.append(Verdict("unlit points", "fair", "Some points find no valid probe around them and get no light."))
     seen = _value(metrics, "relrmse")
     for suffix, where in (("_surface", "on other surfaces"), ("_volume", "in mid-air")):
         if seen > 0.0 and _low(metrics, f"relrmse{suffix}") > HIDDEN * seen:
@@ -60,6 +73,12 @@ def warnings(scene: Mapping[str, Any]) -> list[Verdict]:
     if 0.0 < seen < 2.0 * _value(metrics, "reference_noise"):
         found.append(Verdict("noisy reference", "fair", "Its noise is over half the error: trace more paths."))
     return found
+
+
+def patch_share(metrics: Mapping[str, Any]) -> float:
+    """The patches' own error over the total; 0 where it is not known or lost in the reference's noise."""
+    error, total = metrics.get("patch_relrmse"), _value(metrics, "relrmse")
+    return float(error["value"]) / total if error and total > 0.0 and not error.get("below_noise") else 0.0
 
 
 def floor_ratio(metrics: Mapping[str, Any]) -> float | None:

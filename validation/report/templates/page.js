@@ -122,8 +122,18 @@
     const rgbText = (source, i) => [0, 1, 2].map((c) => figures(source[3 * i + c] * info.unit).padStart(8)).join(" ");
     const point = (event) => {
       const box = event.currentTarget.getBoundingClientRect();
-      const x = Math.floor(((event.clientX - box.left) / box.width) * info.width);
-      const y = Math.floor(((event.clientY - box.top) / box.height) * info.height);
+      pick(Math.floor(((event.clientX - box.left) / box.width) * info.width),
+        Math.floor(((event.clientY - box.top) / box.height) * info.height));
+    };
+    const step = (event) => {
+      const move = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+      if (!move) return;
+      event.preventDefault();
+      const from = pointed < 0 ? Math.floor(info.height / 2) * info.width + Math.floor(info.width / 2) : pointed;
+      const far = event.shiftKey ? 10 : 1, x = from % info.width, y = (from - x) / info.width;
+      pick(x + far * move[0], y + far * move[1]);
+    };
+    const pick = (x, y) => {
       if (x < 0 || y < 0 || x >= info.width || y >= info.height) return;
       pointed = y * info.width + x;
       const where = `pixel ${x}, ${y}`;
@@ -137,9 +147,16 @@
       if (swapped === on) return;
       swapped = on;
       view.classList.toggle("swapped", on);
+      find("swap").setAttribute("aria-pressed", String(on));
+      const [truth, ours] = ["truth", "ours"].map((name) => canvases[name].canvas.closest("figure"));
+      const captions = [truth, ours].map((figure) => figure.querySelector("figcaption"));
+      truth.append(captions[1]);
+      ours.append(captions[0]);
       drawLight();
     };
     for (const { canvas } of Object.values(canvases)) {
+      canvas.tabIndex = 0;
+      canvas.addEventListener("keydown", step);
       canvas.addEventListener("pointermove", point);
       canvas.addEventListener("pointerleave", () => { pointed = -1; show(); });
     }
@@ -147,6 +164,7 @@
       canvases[name].canvas.addEventListener("pointerdown", swap(true));
       for (const end of ["pointerup", "pointerleave", "pointercancel"]) canvases[name].canvas.addEventListener(end, swap(false));
     }
+    find("swap").addEventListener("click", () => swap(!swapped)());
     find("exposure").addEventListener("input", drawLight);
     find("mode").addEventListener("input", drawLight);
     find("average").addEventListener("input", drawError);
@@ -154,7 +172,7 @@
     drawLight();
     drawError();
     view.querySelector(".tools").hidden = false;
-    find("readout").textContent = "Point at a picture to read its values; press and hold truth or ours to swap the two.";
+    find("readout").textContent = "Point at a picture, or focus it and use the arrow keys, to read its values; press and hold truth or ours to swap the two.";
     view.dataset.drawn = "yes";
   }
 
