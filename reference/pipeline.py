@@ -147,7 +147,9 @@ def light_patches(scene: Scene, surfaces: Surfaces, seed: int, progress: Progres
     """
     clock = Clock()
     s = scene.settings.radiosity
-    direct = direct_on_patches(scene, surfaces.geometry, surfaces.patches, s.shadow_rays, seed, progress)
+    direct = direct_on_patches(
+        scene, surfaces.geometry, surfaces.patches, s.shadow_rays, seed, progress, surfaces.device_rows
+    )
     clock.lap("direct_light")
     try:
         radiosity = solve(scene, surfaces.patches, surfaces.device_rows, direct, s.tolerance)

@@ -35,13 +35,14 @@ def key(*parts: Any) -> str:
 
 @cache
 def code_hash(*folders: str) -> str:
-    """Hash of the source of our own packages `folders` and of the versions of those the numbers come from."""
+    """Hash of our own source under `folders` ("a/*": only the files right in a) and of the versions of what computes."""
     digest = hashlib.sha256()
     root = Path(__file__).parent.parent
     for name in _PACKAGES:
         digest.update(f"{name}=={metadata.version(name)};".encode())
     for folder in folders:
-        for path in sorted((root / folder).rglob("*")):
+        found = root.glob(folder) if folder.endswith("*") else (root / folder).rglob("*")
+        for path in sorted(found):
             if path.suffix in {".py", ".cl", ".clh"}:
                 digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()

@@ -25,6 +25,8 @@ from . import cache
 
 # Only the camera's points get the noise asked for; the other sets are half as many and carry this much more.
 OTHER_SETS_NOISE = 2.0
+# What the numbers come from: editing placement or volume traces no path again.
+TRUTH_CODE = ("reference/*", "reference/scene", "reference/truth", "reference/transport")
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +51,7 @@ def ground_truth(scene: Scene, seed: int, progress: Progress) -> GroundTruth:
     views = {name: pixel_view(scene, g, name, seed) for name in scene.settings.cameras}
     points = choose_points(scene, g, scene.settings.truth.points, seed)
     depth = path_depth(scene, scene.settings.truth.tolerance)
-    name = cache.key("truth", truth_hash(scene), seed, cache.code_hash("reference"))
+    name = cache.key("truth", truth_hash(scene), seed, cache.code_hash(*TRUTH_CODE))
     begin = time.perf_counter()
     kept = cache.load("truth", name)
     if kept is None:

@@ -13,7 +13,7 @@ from typing import Any
 from ..fastpath.device import OpenDevice
 from .machine import usable_cores
 
-PACKAGES = ("lightgauge", "mitsuba", "drjit", "numpy", "scipy", "pyopencl", "trimesh", "scikit-image", "OpenEXR")
+PACKAGES = ("lightgauge", "mitsuba", "drjit", "numpy", "scipy", "pyopencl", "OpenEXR")
 
 
 def provenance(device: OpenDevice, overrides: Mapping[str, Any], seed: int, command: str) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 COLUMNS = ("scene", "status", "relrmse", "floor_l1", "leak", "probes", "bake_s")
+CHART_COLUMNS = ("scene", "method", "setting", "probes", "bytes", "update_ms", "relrmse", "front")
 DASH = "-"
 
 
@@ -32,15 +33,20 @@ def number(value: Any) -> str:
 
 
 def interval(metric: Mapping[str, Any] | None) -> str:
-    """`value ± se`, or a dash."""
+    """`value ± se`, the value alone where no error applies, or a dash."""
     if not metric:
         return DASH
     se = metric.get("se")
-    return number(metric.get("value")) + (f" ± {number(se)}" if se is not None else "")
+    return number(metric.get("value")) + (f" ± {number(se)}" if se else "")
 
 
 def results_table(results: Mapping[str, Any]) -> str:
-    """One line a scene of a results object; a column nobody fills is left out. Why scenes failed follows."""
+    """One line a scene of a results object; a column nobody fills is left out. Why scenes failed follows.
+
+    Without scenes, one line a charted setting; without either, that there is nothing.
+    """
+    if not results["scenes"]:
+        return charts_table(results.get("charts", []))
     rows = [_row(scene) for scene in results["scenes"]]
     used = [i for i in range(len(COLUMNS)) if i < 2 or any(row[i] != DASH for row in rows)]
     text = table([[row[i] for i in used] for row in [list(COLUMNS), *rows]])
@@ -59,6 +65,35 @@ def _row(scene: Mapping[str, Any]) -> list[str]:
         interval(metrics.get("leak")),
         number(cost.get("real_probes")),
         number(cost.get("bake_s")),
+    ]
+
+
+def charts_table(charts: Sequence[Mapping[str, Any]]) -> str:
+    """One line a setting, and under each chart its L1 floor and the reference's noise.
+
+    front: the costs (probes, bytes, update time) at which no other setting is as good in both cost and error.
+    """
+    if not charts:
+        return "nothing was measured"
+    rows = [[plain(str(chart["scene"])), *_chart_row(row)] for chart in charts for row in chart["rows"]]
+    limits = [
+        f"{plain(str(chart['scene']))}: L1 floor {interval(chart.get('floor'))}, "
+        f"reference noise {interval(chart.get('noise'))}; ± is one standard error"
+        for chart in charts
+    ]
+    return "\n".join([table([list(CHART_COLUMNS), *rows]), *limits])
+
+
+def _chart_row(row: Mapping[str, Any]) -> list[str]:
+    on = [cost for cost, front in row.get("pareto", {}).items() if front]
+    return [
+        plain(str(row["method"])),
+        plain(str(row["setting"])),
+        number(row.get("probes")),
+        number(row.get("bytes")),
+        number(row.get("update_ms")),
+        interval(row.get("relrmse")),
+        ", ".join(plain(str(cost)) for cost in on) or DASH,
     ]
 
 

@@ -117,11 +117,8 @@ def _assemble(
     normal = mean(g.normals[triangle])
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
     albedo = mean(_element_albedo(scene, g, cuts, first, triangle))
-    engine = np.array([m.engine_lit for m in scene.meshes])
-    emission = np.pi * np.stack([m.emission for m in scene.meshes])
-    owner = g.mesh[triangle]
-    exitance = mean(np.where(engine[:, None], 0.0, emission)[owner])
-    engine_exitance = mean(np.where(engine[:, None], emission, 0.0)[owner])
+    by_input, by_engine = _exitance(scene)
+    exitance, engine_exitance = mean(by_input[g.mesh[triangle]]), mean(by_engine[g.mesh[triangle]])
     has_back = np.bincount(patch, g.two_sided[triangle], front) > 0
     backs = np.flatnonzero(has_back)
     back_number = np.full(front, -1, dtype=np.int32)
@@ -145,6 +142,13 @@ def _assemble(
         start=start,
         twin=np.concatenate([np.arange(front), backs]).astype(np.int32),
     )
+
+
+def _exitance(scene: Scene) -> tuple[F64, F64]:
+    """Exitance of each mesh (M, 3), W·m⁻²: tagged `input`, and tagged `engine`."""
+    engine = np.array([m.engine_lit for m in scene.meshes])[:, None]
+    emission = np.pi * np.stack([m.emission for m in scene.meshes])
+    return np.where(engine, 0.0, emission), np.where(engine, emission, 0.0)
 
 
 def _element_albedo(scene: Scene, g: Geometry, cuts: I32, first: I64, triangle: I32) -> F64:

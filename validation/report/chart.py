@@ -48,7 +48,7 @@ def draw_chart(chart: Mapping[str, Any]) -> str:
     """`ChartData` (see results.schema.json) -> one `<svg>` element, deterministic."""
     rows: Sequence[Row] = chart["rows"]
     bands: Bands = []
-    for name, key in (("L1 floor", "floor"), ("reference noise", "noise")):
+    for name, key in (("L1 floor", "floor"), ("reference\nnoise", "noise")):
         value = float((chart.get(key) or {}).get("value", 0.0))
         if value > 0.0:
             bands.append((name, value))
@@ -110,7 +110,7 @@ def _band_names(bands: Bands, y: LogScale) -> list[str]:
     x, free, parts = LEFT + len(COSTS) * PANEL + (len(COSTS) - 1) * GAP + 8.0, 0.0, []
     for name, value in sorted(bands, key=lambda band: -band[1]):
         at = max(y(value) + 4.0, free)
-        for line in (*name.split(" ", 1 if name == "reference noise" else 0), percent(value)):
+        for line in (*name.splitlines(), percent(value)):
             parts.append(text(line, x, at, font_size=12.0))
             at += LINE
         free = at + 4.0

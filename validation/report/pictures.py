@@ -139,7 +139,7 @@ def relative_error(truth: F32, ours: F32, hit: Bool) -> F32:
 
 def error_colours(error: F32, hit: Bool) -> U8:
     """(H, W) signed relative error -> (H, W, 3) sRGB bytes, clipped at ±`ERROR_CLIP`."""
-    place = np.clip(np.nan_to_num(error) / ERROR_CLIP, -1.0, 1.0) * 0.5 + 0.5
+    place = np.clip(np.nan_to_num(error, posinf=1.0, neginf=-1.0) / ERROR_CLIP, -1.0, 1.0) * 0.5 + 0.5
     stops = [s for s, _ in ERROR_STOPS]
     channels = [np.interp(place, stops, [c[i] for _, c in ERROR_STOPS]) for i in range(3)]
     shown = np.round(np.stack(channels, axis=-1)).astype(np.uint8)

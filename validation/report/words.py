@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 Z95 = 1.96
+TIED = "\u00a0"  # no line breaks between a number and its sign
 SUFFIXES = {"": "seen by the cameras", "_surface": "on probe-lit surfaces", "_volume": "inside the probe volumes"}
 Kind = Literal["percent", "signed", "times", "plain"]
 Judgement = Literal["good", "over", "unsure", ""]
@@ -58,8 +59,8 @@ def number(value: float, figures: int = 3) -> str:
 
 
 def percent(value: float, figures: int = 3) -> str:
-    """0.0912 -> `9.12 %`."""
-    return f"{number(100.0 * value, figures)} %"
+    """0.0912 -> `9.12 %`, the blank one that does not break."""
+    return f"{number(100.0 * value, figures)}{TIED}%"
 
 
 def interval(value: float, half: float) -> tuple[str, str]:
@@ -75,10 +76,10 @@ def interval(value: float, half: float) -> tuple[str, str]:
 def written(metric: Mapping[str, Any], kind: Kind, unit: str = "") -> tuple[str, str]:
     """(value with its unit, `± half width` of the 95 % interval or an empty string)."""
     scale = 100.0 if kind in ("percent", "signed") else 1.0
-    sign = " %" if scale > 1.0 else "\u00d7" if kind == "times" else f" {unit}" if unit else ""
+    sign = f"{TIED}%" if scale > 1.0 else "\u00d7" if kind == "times" else f" {unit}" if unit else ""
     shown, half = interval(scale * float(metric["value"]), scale * Z95 * float(metric.get("se") or 0.0))
     shown = f"+{shown}" if kind == "signed" and metric["value"] > 0 else shown
-    return shown + sign, f"± {half}{sign}" if half else ""
+    return shown + sign, f"±{TIED}{half}{sign}" if half else ""
 
 
 def judge(metric: Mapping[str, Any], limit: float | None) -> Judgement:

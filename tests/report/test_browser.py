@@ -1,0 +1,68 @@
+"""In a browser: the script runs under the page's own policy and draws what Python's tone mapping gives."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lightgauge.validation.record import JsonObject
+from lightgauge.validation.report.page import write_report
+from lightgauge.validation.report.pictures import SceneView, error_colours, exposure, relative_error, tonemap
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+OPTIONS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--enable-logging=stderr", "--virtual-time-budget=10000", "--dump-dom",
+)  # fmt: skip
+READ = """<script>(async () => {
+  for (let i = 0; i < 200 && !document.querySelector('[data-drawn]'); i++) await new Promise((r) => setTimeout(r, 20));
+  const found = [...document.querySelectorAll('canvas')].map((c) =>
+    PLACES.map(([x, y]) => [...c.getContext('2d').getImageData(x, y, 1, 1).data].slice(0, 3)));
+  document.body.dataset.found = JSON.stringify(found);
+})()</script></body>"""
+
+
+def load(page: Path, profile: Path) -> tuple[str, str]:
+    """(DOM after the script ran, what the browser said)."""
+    command = [str(CHROMIUM), *OPTIONS, f"--user-data-dir={profile}", page.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    return done.stdout, done.stderr
+
+
+def test_the_script_runs_under_the_policy(
+    tmp_path: Path, view: Callable[..., SceneView], results: Callable[..., JsonObject]
+) -> None:
+    name = "<img src=x onerror=alert(1)>"
+    write_report(tmp_path / "out", results(name), [view(name, "main"), view(name, "side", 1)])
+    dom, said = load(tmp_path / "out" / "index.html", tmp_path / "profile")
+    assert dom.count('data-drawn="yes"') == 2
+    assert "Content Security Policy" not in said and "CONSOLE" not in said
+
+
+def test_the_canvases_hold_what_python_draws(
+    tmp_path: Path, view: Callable[..., SceneView], results: Callable[..., JsonObject]
+) -> None:
+    made = view("room", "main", noise=0.0)
+    write_report(tmp_path / "out", results("room"), [made])
+    places = [(3, 3), (60, 40), (128, 96), (200, 150), (128, 180), (250, 20)]
+    html = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    html = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", html)
+    probing = html.replace("</body>", READ.replace("PLACES", json.dumps(places)))
+    (tmp_path / "probing.html").write_text(probing, encoding="utf-8")
+    dom, _ = load(tmp_path / "probing.html", tmp_path / "profile")
+    match = re.search(r'data-found="([^"]*)"', dom)
+    assert match is not None
+    found = np.array(json.loads(match[1]))
+    p = made.pictures
+    factor = exposure(p.truth, p.ours, p.hit)
+    expected = [tonemap(p.truth, p.hit, factor), tonemap(p.ours, p.hit, factor)]
+    expected.append(error_colours(relative_error(p.truth, p.ours, p.hit), p.hit))
+    for canvas, picture in zip(found, expected, strict=True):
+        assert np.abs(canvas - np.array([picture[y, x] for x, y in places], int)).max() <= 2

@@ -1,0 +1,80 @@
+"""The Pareto front and the drawing of the chart."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from lightgauge.validation.record import JsonObject
+from lightgauge.validation.report.chart import draw_chart, pareto_front
+from lightgauge.validation.report.svg import LogScale, padded, ticks
+
+
+def test_front_of_known_points() -> None:
+    cost, error = [1, 2, 3, 4, 2, 5], [9, 5, 5, 1, 7, 1]
+    assert pareto_front(cost, error).tolist() == [True, True, False, True, False, False]
+    assert pareto_front([2, 2], [3, 3]).tolist() == [True, True]
+    assert pareto_front([1, np.nan, 2], [2, 0, np.nan]).tolist() == [True, False, False]
+    assert pareto_front([], []).tolist() == []
+    with pytest.raises(ValueError, match="equal shapes"):
+        pareto_front([1, 2], [1])
+
+
+def test_front_is_what_nothing_dominates() -> None:
+    rng = np.random.default_rng(0)
+    cost, error = rng.integers(0, 9, 60), rng.integers(0, 9, 60)
+    for i, on in enumerate(pareto_front(cost, error)):
+        beaten = any(
+            c <= cost[i] and e <= error[i] and (c, e) != (cost[i], error[i]) for c, e in zip(cost, error, strict=True)
+        )
+        assert on != beaten
+
+
+def test_same_input_same_bytes_and_no_style(chart: Callable[..., JsonObject]) -> None:
+    drawn = draw_chart(chart())
+    assert drawn == draw_chart(chart())
+    assert "style" not in drawn and "nan" not in drawn
+    root = ElementTree.fromstring(drawn)
+    titles = [e.text or "" for e in root.iter("{http://www.w3.org/2000/svg}title")]
+    assert sum("n=4913" in t for t in titles) == 3
+    assert "L1 floor" in drawn and "9.10 %" in drawn.replace("\u00a0", " ")
+
+
+def test_marks_stay_inside_the_drawing(chart: Callable[..., JsonObject]) -> None:
+    made = chart()
+    made["rows"][0]["relrmse"] = {"value": 0.0, "se": 0.5}
+    made["rows"][1]["update_ms"] = 0.0
+    made["rows"][2]["relrmse"]["se"] = None
+    root = ElementTree.fromstring(draw_chart(made))
+    _, _, width, height = (float(v) for v in root.attrib["viewBox"].split())
+    for element in root.iter():
+        assert 0 <= float(element.get("cx", "0")) <= width and 0 <= float(element.get("cy", "0")) <= height
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_few_settings_are_no_trouble(chart: Callable[..., JsonObject], count: int) -> None:
+    ElementTree.fromstring(draw_chart({"scene": "a", "rows": chart()["rows"][:count], "floor": None, "noise": None}))
+
+
+def test_hostile_names_are_text(chart: Callable[..., JsonObject]) -> None:
+    made = chart('</title><script>alert("x")</script>\x1b[2J')
+    made["rows"][0] |= {"method": "<script>", "setting": '"><script>'}
+    drawn = draw_chart(made)
+    ElementTree.fromstring(drawn)
+    assert "<script" not in drawn and "\x1b" not in drawn
+
+
+@pytest.mark.parametrize("span", [(0.03, 0.6), (1e-6, 1e3), (0.9, 1.1), (27, 4913)])
+def test_ticks_lie_within_and_are_few(span: tuple[float, float]) -> None:
+    for binary in (False, True):
+        found = ticks(*padded(list(span), 1.3), binary=binary)
+        assert 1 <= len(found) <= 7 and found == sorted(found)
+        assert all(re.fullmatch(r"[125]e[+-]\d+|3e[+-]\d+", f"{v:.0e}") for v in found if not binary)
+
+
+def test_the_scale_is_logarithmic() -> None:
+    scale = LogScale(1.0, 100.0, 0.0, 10.0)
+    assert [scale(v) for v in (0.1, 1.0, 10.0, 100.0, 1e9)] == pytest.approx([0, 0, 5, 10, 10])

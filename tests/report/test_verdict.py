@@ -1,0 +1,43 @@
+"""The headline of a scene follows from its numbers and their intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from lightgauge.validation.record import JsonObject, metric
+from lightgauge.validation.report.verdict import badness, headline, warnings
+
+Make = Callable[..., JsonObject]
+
+
+def test_the_error_is_set_against_its_floor(scene: Make) -> None:
+    assert headline(scene("a", 0.11, 0.1)).words == "at its floor"
+    assert headline(scene("a", 0.135, 0.1)).words == "near its floor"
+    assert headline(scene("a", 0.31, 0.1)).words == "placement limited"
+    assert headline(scene("a", 0.010, 0.002)).words == "accurate"
+
+
+def test_noise_is_never_a_pass(scene: Make) -> None:
+    made = scene("a", 0.001, 0.002)
+    made["metrics"]["relrmse"]["below_noise"] = True
+    assert headline(made).words == "below the noise floor" and headline(made).tone == "mute"
+
+
+def test_missing_and_failed_scenes_say_so() -> None:
+    assert headline({"name": "a", "status": "failed"}).words == "failed"
+    assert headline({"name": "a", "status": "ok", "metrics": {}}).words == "not measured"
+
+
+def test_one_number_does_not_hide_the_room(scene: Make) -> None:
+    made = scene("a")
+    assert warnings(made) == []
+    made["metrics"]["leak"] = metric(0.02, 0.002, 900)
+    made["metrics"]["relrmse_volume"] = metric(0.6, 0.01, 900)
+    assert {w.words for w in warnings(made)} == {"leaks light", "worse in mid-air"}
+    made["metrics"]["leak"] = metric(0.002, 0.002, 900)
+    assert "leaks light" not in {w.words for w in warnings(made)}
+
+
+def test_worst_scenes_come_first(scene: Make) -> None:
+    scenes = [scene("fine"), scene("poor", 0.3), {"name": "broken", "status": "failed"}, scene("worse", 0.4)]
+    assert [s["name"] for s in sorted(scenes, key=badness, reverse=True)] == ["broken", "worse", "poor", "fine"]
