@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import jsonschema
@@ -97,3 +100,32 @@ def test_what_is_no_file_of_text_is_an_input_error(tmp_path: Path) -> None:
 
 def test_terminal_escapes_stay_text() -> None:
     assert "\x1b" not in record.dumps(minimal(error="\x1b[2J")) and "\\u001b" in record.dumps({"a": "\x1b"})
+
+
+def test_a_process_that_dies_while_writing_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "results.json"
+    record.write_json_atomic(path, minimal())
+    code = (
+        "import os, sys; from pathlib import Path; from lightgauge.validation import record\n"
+        "with record.atomic_path(Path(sys.argv[1])) as temporary:\n"
+        "    temporary.write_bytes(b'half of the n')\n"
+        "    os._exit(9)"
+    )
+    assert subprocess.run([sys.executable, "-c", code, str(path)], check=False, timeout=60).returncode == 9
+    assert record.load_results(path) == minimal()
+    record.write_json_atomic(path, minimal(error="next"))
+    assert record.load_results(path) == minimal(error="next")
+
+
+def test_a_synced_file_is_renamed_only_when_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk that is full when the data is synced: the old file stays, the half one goes."""
+    path = tmp_path / "results.json"
+    record.write_bytes_atomic(path, b"old")
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        record.write_bytes_atomic(path, b"new")
+    assert path.read_bytes() == b"old" and list(tmp_path.iterdir()) == [path]

@@ -13,6 +13,7 @@ import numpy.typing as npt
 import pytest
 import trimesh
 from lightgauge.reference.config import BoxSettings, SceneSettings
+from lightgauge.reference.scene import load_scene
 
 SCENES = Path(__file__).resolve().parent.parent / "scenes"
 NAMES = ("cornell", "two-rooms", "sphere", "corridor", "house", "valley")
@@ -338,3 +339,22 @@ def test_valley_is_large_and_nothing_floats() -> None:
             for foot in feet:
                 distance, _ = hits(terrain, foot + np.array([0.0, 300.0, 0.0]), down)
                 assert distance[0] <= 300.0, f"{name}: a foot {distance[0] - 300.0:.2f} m above the ground"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_loader_reads_it(name: str) -> None:
+    scene = load_scene(SCENES / name / "scene.toml", {})
+    assert scene.name == name
+    assert {m.name for m in scene.meshes} == set(settings(name).meshes)
+    assert sum(len(m.faces) for m in scene.meshes) == len(mesh(name).faces)
+
+
+@pytest.mark.parametrize("block", ["short_block", "tall_block"])
+def test_cornell_blocks_face_outwards(block: str) -> None:
+    """Each face's normal points away from the block's middle, its top up, its sides level; it has no underside."""
+    part = mesh("cornell", block)
+    away = part.triangles_center - part.bounds.mean(axis=0)
+    assert (np.einsum("fc,fc->f", part.face_normals, away) > 0.0).all()
+    top = part.face_normals[:, 1] > 0.999
+    assert top.sum() == 2 and np.allclose(part.face_normals[~top, 1], 0.0, atol=1e-6)
+    assert np.allclose(boundary(part)[:, 1], 0.0) and len(boundary(part)) == 4

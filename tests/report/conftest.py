@@ -134,21 +134,21 @@ def make_results(*names: str, charts: bool = True) -> JsonObject:
     }  # fmt: skip
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def view() -> Callable[..., SceneView]:
     return make_view
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def scene() -> Callable[..., JsonObject]:
     return make_scene
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def results() -> Callable[..., JsonObject]:
     return make_results
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def chart() -> Callable[..., JsonObject]:
     return make_chart

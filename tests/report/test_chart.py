@@ -78,3 +78,33 @@ def test_ticks_lie_within_and_are_few(span: tuple[float, float]) -> None:
 def test_the_scale_is_logarithmic() -> None:
     scale = LogScale(1.0, 100.0, 0.0, 10.0)
     assert [scale(v) for v in (0.1, 1.0, 10.0, 100.0, 1e9)] == pytest.approx([0, 0, 5, 10, 10])
+
+
+def test_no_words_lie_under_marks_or_beyond_the_edge(chart: Callable[..., JsonObject]) -> None:
+    """The names of the bands stand in the margin, right of all panels; letters are taken as 0.62 of their height wide."""
+    root = ElementTree.fromstring(draw_chart(chart()))
+    width = float(root.attrib["viewBox"].split()[2])
+    right = max(
+        float(e.get("x", "0")) + float(e.get("width", "0")) for e in root.iter("{http://www.w3.org/2000/svg}rect")
+    )
+    for e in root.iter("{http://www.w3.org/2000/svg}text"):
+        words, x = e.text or "", float(e.get("x", "0"))
+        length = 0.62 * float(e.get("font-size", "13")) * len(words)
+        start = x - {"end": 1.0, "middle": 0.5}.get(e.get("text-anchor", ""), 0.0) * length
+        assert start >= 0.0 and start + length <= width, words
+        assert x > right or words not in ("L1 floor", "reference", "noise", "9.10\u00a0%")
+
+
+def test_error_bars_are_drawn_to_two_standard_errors(chart: Callable[..., JsonObject]) -> None:
+    made = chart()
+    made["rows"] = made["rows"][:1]
+    root = ElementTree.fromstring(draw_chart(made))
+    titled = next(g for g in root.iter("{http://www.w3.org/2000/svg}g") if "n=27" in (g.findtext("{*}title") or ""))
+    path = titled.find("{*}path")
+    assert path is not None
+    low, high = (float(v) for v in re.findall(r"[,V](-?[\d.]+)", path.get("d", ""))[:2])
+    spans = [e for e in root.iter("{http://www.w3.org/2000/svg}line") if e.get("stroke-dasharray")]
+    floor, noise = sorted({float(e.get("y1", "0")) for e in spans})
+    per_e = (noise - floor) / np.log(0.091 / 0.0171)
+    value, se = made["rows"][0]["relrmse"]["value"], made["rows"][0]["relrmse"]["se"]
+    assert abs(high - low) == pytest.approx(per_e * np.log((value + 2 * se) / (value - 2 * se)), abs=0.1)

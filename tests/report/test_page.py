@@ -16,6 +16,7 @@ import pytest
 from lightgauge.validation.record import JsonObject, load_results, metric
 from lightgauge.validation.report.page import exr_names, write_report
 from lightgauge.validation.report.pictures import SceneView
+from lightgauge.validation.report.sections import shortened
 
 HOSTILE = "<script>alert(1)</script></script><!-- =cmd|'/C calc'!A0 \x1b[31m \u202e & \" onload=x"
 View, Results = Callable[..., SceneView], Callable[..., JsonObject]
@@ -44,11 +45,12 @@ class Elements(HTMLParser):
             self.words.append(data)
 
 
-@pytest.fixture
-def page(tmp_path: Path, view: View, results: Results) -> tuple[Path, Elements]:
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory, view: View, results: Results) -> tuple[Path, Elements]:
+    out = tmp_path_factory.mktemp("page")
     views = [view("cornell", "front"), view("cornell", "side", 1), view("house", "outside", 2)]
-    write_report(tmp_path, results("cornell", "house"), views)
-    return tmp_path, Elements((tmp_path / "index.html").read_text(encoding="utf-8"))
+    write_report(out, results("cornell", "house"), views)
+    return out, Elements((out / "index.html").read_text(encoding="utf-8"))
 
 
 def test_all_files_are_there_and_agree(page: tuple[Path, Elements]) -> None:
@@ -144,3 +146,52 @@ def test_names_of_files_are_plain_and_distinct(view: View) -> None:
 
 def test_the_page_of_six_scenes_is_small_enough(page: tuple[Path, Elements]) -> None:
     assert (page[0] / "index.html").stat().st_size / 3 < 1_000_000
+
+
+def test_long_lists_of_notes_fold_and_paths_are_short(tmp_path: Path, results: Results) -> None:
+    made = results("cornell", charts=False)
+    made["scenes"][0]["notes"] = [f"/home/me/many/folders/room/scene.xml: material m{i}" for i in range(7)]
+    write_report(tmp_path, made, [])
+    html = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "<summary>7 notes</summary>" in html
+    assert "…/room/scene.xml: material m6" in html and "/home/me" not in html
+    assert load_results(tmp_path)["scenes"][0]["notes"] == made["scenes"][0]["notes"]
+    made["scenes"][0]["notes"] = made["scenes"][0]["notes"][:6]
+    write_report(tmp_path, made, [])
+    assert " notes</summary>" not in (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("note", "shown"),
+    [
+        ("/a/b/c/d.ply: said", "…/c/d.ply: said"),
+        ("in '/a/b/c/d.ply', and", "in '…/c/d.ply', and"),
+        ("a/b/c/d.ply", "a/b/c/d.ply"),
+        ("/a/d.ply", "/a/d.ply"),
+        ("see https://example.org/a/b/c/d", "see https://example.org/a/b/c/d"),
+        ("3 W/m²/sr", "3 W/m²/sr"),
+    ],
+)
+def test_only_long_absolute_paths_are_cut(note: str, shown: str) -> None:
+    assert shortened(note) == shown
+
+
+@pytest.mark.parametrize(("noise", "chosen"), [(0.02, "each pixel"), (0.08, "mean of 5 × 5"), (0.4, "mean of 11 × 11")])
+def test_a_noisy_truth_is_averaged_at_first(
+    noise: float, chosen: str, tmp_path: Path, view: View, results: Results
+) -> None:
+    write_report(tmp_path, results("room", charts=False), [view("room", "main", noise=noise)])
+    found = re.findall(r" selected>([^<]*)<", (tmp_path / "index.html").read_text(encoding="utf-8"))
+    assert len(found) == 1 and found[0].startswith(chosen)
+
+
+def test_every_control_has_a_name(page: tuple[Path, Elements]) -> None:
+    """For readers of the screen: sliders and choices lie in labels, pictures have alternatives, the language is said."""
+    out, elements = page
+    html = (out / "index.html").read_text(encoding="utf-8")
+    for control in ("input", "select"):
+        assert all(re.search(rf"<label>[^<]*<{control}", part) for part in re.findall(rf"<label>.*?<{control}", html))
+        assert len(re.findall(rf"<label>[^<]*<{control}", html)) == sum(t == control for t, _ in elements.tags)
+    assert all(a.get("alt") for t, a in elements.tags if t == "img")
+    assert ("html", {"lang": "en"}) in elements.tags
+    assert all(a.get("aria-hidden") or a.get("role") == "img" for t, a in elements.tags if t == "svg")

@@ -30,7 +30,9 @@ def flat(value: float) -> np.ndarray:
     return np.full((4, 5, 3), value, np.float32)
 
 
-@pytest.mark.parametrize(("linear", "byte"), [(0.0, 0), (0.0031308, 10), (0.18, 118), (0.5, 188), (1.0, 255), (7.0, 255), (-1.0, 0)])
+@pytest.mark.parametrize(
+    ("linear", "byte"), [(0.0, 0), (0.0031308, 10), (0.18, 118), (0.5, 188), (1.0, 255), (7.0, 255), (-1.0, 0)]
+)
 def test_srgb_against_published_values(linear: float, byte: int) -> None:
     """IEC 61966-2-1: 18 % gray is byte 118, one half is 188."""
     assert srgb_bytes(np.array([linear], np.float32))[0] == byte

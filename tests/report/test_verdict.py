@@ -41,3 +41,25 @@ def test_one_number_does_not_hide_the_room(scene: Make) -> None:
 def test_worst_scenes_come_first(scene: Make) -> None:
     scenes = [scene("fine"), scene("poor", 0.3), {"name": "broken", "status": "failed"}, scene("worse", 0.4)]
     assert [s["name"] for s in sorted(scenes, key=badness, reverse=True)] == ["broken", "worse", "poor", "fine"]
+
+
+def test_the_patches_are_blamed_before_the_placement(scene: Make) -> None:
+    made = scene("a", 0.31, 0.1)
+    made["metrics"]["patch_relrmse"] = metric(0.24, 0.01, 2000)
+    assert (headline(made).words, headline(made).tone) == ("patches limited", "bad")
+    assert "24" in headline(made).why
+    made["metrics"]["patch_relrmse"] = metric(0.2, 0.01, 2000)
+    assert headline(made).words == "placement limited"
+    made["metrics"]["patch_relrmse"] = metric(0.3, 0.2, 2000, below_noise=True)
+    assert headline(made).words == "placement limited"
+    near = scene("a", 0.11, 0.1)
+    near["metrics"]["patch_relrmse"] = metric(0.09, 0.001, 2000)
+    assert (headline(near).words, headline(near).tone) == ("patches limited", "fair")
+
+
+def test_a_kernel_that_deviates_and_points_without_light_are_said(scene: Make) -> None:
+    made = scene("a")
+    made["metrics"] |= {"kernel_deviation": metric(9e-6, 0.0, 9), "unlit_share": metric(0.0, 0.0, 9)}
+    assert warnings(made) == []
+    made["metrics"] |= {"kernel_deviation": metric(2e-5, 0.0, 9), "unlit_share_volume": metric(0.1, 0.01, 900)}
+    assert {w.words for w in warnings(made)} == {"kernel deviates", "unlit points"}

@@ -147,5 +147,5 @@ def error_scale() -> Markup:
     gradient = tag("linearGradient", *stops, id="error-scale")
     bar = tag("rect", width=200.0, height=12.0, rx=2.0, fill="url(#error-scale)")
     svg = tag("svg", gradient, bar, viewBox="0 0 200 12", width=200.0, height=12.0, class_="bar", role="img",
-              aria_label="colour scale of the error, minus 50 to plus 50 percent")  # fmt: skip
+              preserveAspectRatio="none", aria_label="colour scale of the error, minus 50 to plus 50 percent")  # fmt: skip
     return Markup(svg)

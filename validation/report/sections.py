@@ -23,7 +23,7 @@ SAID = {"good": "good", "over": "over", "unsure": "cannot tell", "": ""}
 MARKED = 10
 # Noise of the truth's picture from which its error is shown averaged at first, and the radii of the windows, pixels.
 NOISY, AVERAGES = (0.05, 0.15), (0, 2, 5)
-LONG_PATH = re.compile(r"(?<![\w.:])/(?:[^\s/'\",;]+/){2,}([^\s/'\",;]+/[^\s/'\",;]+)")
+LONG_PATH = re.compile(r"(?<![\w.:/])/(?:[^\s/'\",;]+/){2,}([^\s/'\",;]+/[^\s/'\",;]+)")
 POINTS = {"camera": SUFFIXES[""], "surface": SUFFIXES["_surface"], "volume": SUFFIXES["_volume"]}
 
 
