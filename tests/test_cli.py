@@ -42,7 +42,8 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def install(monkeypatch: pytest.MonkeyPatch, work: Callable[..., dict[str, Any]]) -> None:
     """Put `work` in place of the real jobs."""
-    for name, function in (("run", "run_scenes"), ("chart", "chart_scenes")):
+    jobs = (("run", "run_scenes"), ("chart", "chart_scenes"), ("report_all", "report_scenes"))
+    for name, function in jobs:
         module = types.ModuleType(name)
         setattr(module, function, work)
         monkeypatch.setitem(sys.modules, f"lightgauge.validation.{name}", module)

@@ -50,6 +50,7 @@ def find(
     metrics: dict[str, Any] = {}
     notes: list[str] = []
     _errors(metrics, notes, truth, sampled)
+    _camera_errors(metrics, baked, truth, sampled)
     _patch_errors(metrics, baked, truth, seed)
     _seams(metrics, baked, truth, seed)
     _twins(metrics, baked, device, truth, sampled)
@@ -91,6 +92,21 @@ def _errors(metrics: dict[str, Any], notes: list[str], truth: GroundTruth, sampl
         _add(metrics, {"reference_noise": Measured(e.noise, e.noise / np.sqrt(2 * n * 3 * 7), n)}, s)
         lost = float((sampled[name].level == 0).mean())
         _add(metrics, {"unlit_share": Measured(lost, np.sqrt(lost * (1 - lost) / n), n)}, s)
+
+
+def _camera_errors(
+    metrics: dict[str, Any], baked: Baked, truth: GroundTruth, sampled: Mapping[PointSet, Samples]
+) -> None:
+    """relrmse and bias of each camera's own points, relative to its own mean: one number hides the room."""
+    cameras = list(baked.scene.settings.cameras)
+    if len(cameras) < 2 or "camera" not in truth.points:
+        return
+    batches, ours = truth.estimates["camera"].irradiance, sampled["camera"].irradiance.astype(np.float64)
+    for number, name in enumerate(cameras):
+        mine = np.asarray(truth.points["camera"].camera == number)
+        if mine.any() and batches[:, mine].mean() > 0.0:
+            found = measure_error(ours[mine], batches[:, mine])
+            _add(metrics, {k: found[k] for k in ("relrmse", "bias")}, f"_camera_{name}")
 
 
 def _patch_errors(metrics: dict[str, Any], baked: Baked, truth: GroundTruth, seed: int) -> None:

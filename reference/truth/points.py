@@ -3,6 +3,7 @@ normals inside the probe volumes (what a moving mesh or fog would get)."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Literal
@@ -23,15 +24,18 @@ INSIDE_SHARE = 0.25  # share of rays that meet the inside of something above whi
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Receivers: positions (N, 3) m, normals (N, 3) unit, mesh (N,) i32 (-1: none)."""
+    """Receivers: positions (N, 3) m, normals (N, 3) unit, mesh (N,) i32 (-1: none); camera (N,) i32: number of the camera
+    that sees each, None for points that no camera chose."""
 
     positions: F64
     normals: F64
     mesh: I32
+    camera: I32 | None = None
 
     def part(self, chosen: slice | npt.NDArray[np.integer]) -> Points:
         """Some of the points, in the order of `chosen`."""
-        return Points(self.positions[chosen], self.normals[chosen], self.mesh[chosen])
+        camera = None if self.camera is None else self.camera[chosen]
+        return Points(self.positions[chosen], self.normals[chosen], self.mesh[chosen], camera)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +123,7 @@ def _camera_points(scene: Scene, g: Geometry, count: int, seed: int) -> Points |
     for i, name in enumerate(scene.settings.cameras):
         points = view(scene, g, name, sobol(4 * each, 2, seed + 100 + i)).points
         keep = np.flatnonzero(probe_lit[points.mesh])[:each]
-        parts.append(points.part(keep))
+        parts.append(dataclasses.replace(points.part(keep), camera=np.full(len(keep), i, dtype=np.int32)))
     return _join(parts)
 
 
@@ -180,4 +184,5 @@ def _join(parts: list[Points]) -> Points | None:
         np.concatenate([p.positions for p in parts]),
         np.concatenate([p.normals for p in parts]),
         np.concatenate([p.mesh for p in parts]),
+        np.concatenate([p.camera for p in parts if p.camera is not None]),
     )

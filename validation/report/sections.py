@@ -158,7 +158,7 @@ def other_rows(metrics: Mapping[str, Any]) -> list[JsonObject]:
         if name in shown:
             continue
         known, base, suffix = meaning(name)
-        label = (known.label if known else name) + (f", {SUFFIXES[suffix]}" if suffix else "")
+        label = (known.label if known else name) + (f", {SUFFIXES.get(suffix, suffix)}" if suffix else "")
         says, good = (known.says, known.good) if known else ("", "")
         place = (order.index(base) if known else len(order), name)
         rows.append((place, {"name": name, "label": label, "says": says, "good": good, "cell": cell(metrics, name)}))

@@ -37,13 +37,16 @@ COSTS: dict[str, tuple[str, str]] = {name: (entry["label"], entry["says"]) for n
 
 
 def meaning(name: str) -> tuple[Meaning | None, str, str]:
-    """Metric name -> (its meaning or None, base name, point set's suffix)."""
+    """Metric name -> (its meaning or None, base name, point set's suffix, or words for it)."""
     if name in MEANINGS:
         return MEANINGS[name], name, ""
     for suffix in ("_surface", "_volume"):
         base = name.removesuffix(suffix)
         if base != name and base in MEANINGS:
             return MEANINGS[base], base, suffix
+    base, camera, seen_by = name.partition("_camera_")
+    if camera and base in MEANINGS:
+        return MEANINGS[base], base, f"seen by camera {seen_by} alone"
     return None, name, ""
 
 
