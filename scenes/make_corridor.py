@@ -44,7 +44,7 @@ patch_size = 0.3
 
 [truth]
 noise = 0.04
-points = 1000
+points = 800
 """
 
 README = """

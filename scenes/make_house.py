@@ -58,9 +58,11 @@ inside = { origin = [-3.4, 1.7, -2.3], target = [1.0, 1.0, 1.2], fov_deg = 85.0 
 
 [placement]
 min_voxel = 0.25
+probe_rays = 256
 
 [radiosity]
 patch_size = 1.1
+rays = 512
 
 [truth]
 noise = 0.04
