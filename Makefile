@@ -14,4 +14,4 @@ test: setup
 	bash .ci/typecheck
 	.venv/bin/pytest
 	.venv/bin/lightgauge report --quiet
-	.venv/bin/lightgauge gate reports/latest --gates gates.toml
+	.venv/bin/lightgauge gate reports/latest --gates gates.toml --every-scene

@@ -226,7 +226,7 @@ class TruthSettings(Frozen):
 
 class ExpectSettings(Frozen):
     """What is known of the right answer. dark: boxes in which the indirect light is exactly 0. closed_sphere: the
-    scene is the inside of a sphere, whose radiosity has a closed form.."""
+    scene is the inside of a sphere, whose radiosity has a closed form."""
 
     dark: dict[str, BoxSettings] = {}
     closed_sphere: bool = False

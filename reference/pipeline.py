@@ -92,6 +92,10 @@ def bake_surfaces(scene: Scene, seed: int, progress: Progress = silent) -> Surfa
 def place(scene: Scene, surfaces: Surfaces, seed: int) -> Octree:
     """The adaptive octree under the scene's controls."""
     s = scene.settings.placement
+    if not scene.settings.volumes and not any(m.lit_by_probes for m in scene.meshes):
+        raise InputError(
+            f"scene '{scene.name}': no probe placed: no mesh has lit_by = \"probes\" and there is no volume; add one of them"
+        )
     grid = make_grid(*probe_bounds(scene, surfaces.geometry), s.min_voxel)
     margin = scene.settings.sampling.normal_offset * grid.finest
     return build_octree(surfaces.geometry, grid, build_bitmap(scene, grid, margin), s, seed)

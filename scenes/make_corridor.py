@@ -59,8 +59,9 @@ side, a pair of piers in the middle. $triangles triangles facing inwards. No oth
   this project's words and must go through the probes.
 - **Tests**: light from opposite directions (failure-catalogue C3). In the middle the radiance is large towards +x and towards -x and small
   across; its L1 part nearly cancels, while the irradiance of a surface that faces an end stays high. So the L1 floor is bad by
-  construction (the two faces of the piers show it), and a report must blame the representation and not the placement. Also long thin voxels of light:
-  the falloff along x is steep near the panels and flat in the middle.
+  construction (the two faces of the piers show it), and inside the volume the report must blame the representation (over floor about 1); next to the panels the bundled voxels are
+  too coarse, and there it must blame the placement (surfaces at about twice their floor).
+  The falloff along x is steep near the panels and flat in the middle.
 """
 
 

@@ -70,7 +70,7 @@ wall; the room at x = 4.2 to 8.2 has no light and no opening. No sky.
 - **Right answer**: in the sealed room (`expect.dark`) every light, direct or indirect, is exactly 0: no path leads in. In the
   lit room the path-traced truth.
 - **Tests**: leaks through a thin wall. The wall is axis-aligned, so voxels of h ≤ $wall m can be leak-free (t ≥ h(|nx|+|ny|+|nz|)); leak under
-  1e-3 is asked of the bundled settings, together with the overdark on the lit side, and coarser `placement.min_voxel` shows the leak. Also a
+  1e-3 is asked of the bundled settings, together with the overdark on the lit side, and `placement.min_voxel = 1` shows a leak. Also a
   relative error where the reference is 0, and a second light type.
 """
 

@@ -136,7 +136,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_only_named_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = write_run(tmp_path, metric(0.1))
     command = ["gate", str(run), "--gates", str(write_gates(tmp_path, MAX + "[sphere.bias]\nmax = 1\n"))]
-    assert cli.main(command) == 1
+    assert cli.main([*command, "--every-scene"]) == 1
     assert cli.main([*command, "--scene", "cornell"]) == 0
     assert cli.main([*command, "--scene", "tower"]) == 2
     assert "no limits for scene 'tower'; the gates name cornell, sphere" in capsys.readouterr().err
@@ -153,3 +153,19 @@ def test_hostile_names_are_escaped(tmp_path: Path) -> None:
 
 def test_our_own_gates_file_loads() -> None:
     assert gates.load_gates(REPOSITORY / "gates.toml").root["cornell"]
+
+
+def test_a_partial_run_is_judged_by_its_own_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Scenes that were not run are named, not judged, unless every scene is asked for; a run of none is bad input."""
+    from lightgauge.validation import cli
+
+    scene = {"name": "a", "status": "ok", "metrics": {"relrmse": {"value": 0.1, "se": 0.001, "n": 10}}}
+    (tmp_path / "results.json").write_text(json.dumps({"schema": 1, "provenance": {}, "scenes": [scene]}))
+    gates_file = tmp_path / "gates.toml"
+    gates_file.write_text("[a.relrmse]\nmax = 0.2\n[b.relrmse]\nmax = 0.2\n")
+    command = ["gate", str(tmp_path), "--gates", str(gates_file)]
+    assert cli.main(command) == 0
+    assert "not in the run: b" in capsys.readouterr().err
+    assert cli.main([*command, "--every-scene"]) == 1
+    gates_file.write_text("[b.relrmse]\nmax = 0.2\n")
+    assert cli.main(command) == 2

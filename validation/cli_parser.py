@@ -106,6 +106,9 @@ def _gate(verbs: Any) -> None:
     parser.add_argument(
         "--scene", action="append", default=[], metavar="NAME", help="judge only this scene's limits; repeatable"
     )
+    parser.add_argument(
+        "--every-scene", action="store_true", help="fail for scenes that have limits but are not in the run"
+    )
     _json(parser)
     parser.add_argument("--junit", type=Path, metavar="FILE", help="also write JUnit XML")
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="also write a Markdown table")

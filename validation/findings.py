@@ -14,8 +14,10 @@ from ..fastpath.device import OpenDevice
 from ..fastpath.layout import Storage
 from ..fastpath.sampler import Sampler
 from ..reference import pipeline
-from ..reference.datatypes import F32, Samples
+from ..reference.datatypes import F32, Samples, Scene
+from ..reference.transport.direct import punctual_lights
 from ..reference.truth.analytic import closed_sphere_radiosity
+from ..reference.truth.path_traced import largest_albedo
 from ..reference.truth.points import PointSet
 from ..reference.volume.sampler import sample
 from ..reference.volume.tiles import stored
@@ -50,6 +52,7 @@ def find(
     metrics: dict[str, Any] = {}
     notes: list[str] = []
     _errors(metrics, notes, truth, sampled)
+    notes += _doubts(baked.scene, truth)
     _camera_errors(metrics, baked, truth, sampled)
     _patch_errors(metrics, baked, truth, seed)
     _seams(metrics, baked, truth, seed)
@@ -94,6 +97,22 @@ def _errors(metrics: dict[str, Any], notes: list[str], truth: GroundTruth, sampl
         _add(metrics, {"unlit_share": Measured(lost, np.sqrt(lost * (1 - lost) / n), n)}, s)
 
 
+def _doubts(scene: Scene, truth: GroundTruth) -> list[str]:
+    """What makes the reference itself doubtful for this scene."""
+    notes = []
+    lost = largest_albedo(scene) ** truth.depth
+    if lost > scene.settings.truth.tolerance:
+        notes.append(f"the truth's paths end after {truth.depth} bounces: up to {lost:.1%} of the light may be missing")
+    through = [m.name for m in scene.materials if m.passes_light or m.opacity is not None]
+    engine = any(m.engine_lit for m in scene.meshes) or (scene.sky is not None and scene.sky.engine_lit)
+    if through and (engine or punctual_lights(scene, "engine")):
+        notes.append(
+            f"light tagged `engine` that passes {', '.join(through)} counts as indirect in the truth (or is not found by "
+            "it, for punctual lights), but not in the bake"
+        )
+    return notes
+
+
 def _camera_errors(
     metrics: dict[str, Any], baked: Baked, truth: GroundTruth, sampled: Mapping[PointSet, Samples]
 ) -> None:
@@ -131,8 +150,8 @@ def _ratio(a: Measured, b: Measured) -> Measured:
 def _seams(metrics: dict[str, Any], baked: Baked, truth: GroundTruth, seed: int) -> None:
     """Border jumps near surfaces and everywhere else, in each storage format."""
     texture = baked.texture
-    near = np.concatenate([lifted(baked.scene, texture, p) for p in truth.points.values()])
-    points = seam_points(texture, (near - texture.origin) / texture.finest, seed)
+    near = [(lifted(baked.scene, texture, p) - texture.origin) / texture.finest for p in truth.points.values()]
+    points = seam_points(texture, np.concatenate(near) if near else None, seed)
     for storage, suffix in SEAM_FORMATS.items():
         found = measure_seams(dataclasses.replace(texture, texels=stored(texture.texels, storage)), points, suffix)
         _add(metrics, {k: v for k, v in found.items() if storage == "float32" or k.startswith("seam_sup")})
@@ -143,7 +162,9 @@ def _twins(
     metrics: dict[str, Any], baked: Baked, device: OpenDevice, truth: GroundTruth, sampled: Mapping[PointSet, Samples]
 ) -> None:
     """Kernel against the NumPy specification, and the image path of the kernel against the buffer path."""
-    name = next(iter(truth.points))
+    name = next(iter(truth.points), None)
+    if name is None:
+        return
     points = truth.points[name]
     where = lifted(baked.scene, baked.texture, points)
     stored_texture = dataclasses.replace(baked.texture, texels=stored(baked.texture.texels, STORAGE))

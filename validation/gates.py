@@ -97,6 +97,18 @@ def only(gates: Gates, scenes: Sequence[str]) -> Gates:
     return Gates({name: limits for name, limits in gates.root.items() if name in scenes}) if scenes else gates
 
 
+def present(gates: Gates, results: Results) -> tuple[Gates, list[str]]:
+    """The limits of the scenes that the run holds, and the names of those it does not hold.
+
+    Raises InputError if it holds none: such a run would pass anything.
+    """
+    names = {scene.name for scene in results.scenes}
+    held = {name: limits for name, limits in gates.root.items() if name in names}
+    if not held:
+        raise InputError(f"the run holds none of the scenes that have limits: {', '.join(gates.root)}")
+    return Gates(held), [name for name in gates.root if name not in names]
+
+
 def load_run(run: Path) -> Results:
     """Read a run's folder, or its results.json. Raises InputError naming the file."""
     results = Results.model_validate(load_results(run))

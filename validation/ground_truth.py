@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ..reference.datatypes import F64, Scene
 from ..reference.progress import Progress
-from ..reference.transport.direct import punctual_irradiance, punctual_lights
+from ..reference.transport.direct import arriving, punctual_irradiance, punctual_lights, visible
 from ..reference.truth.mitsuba_scene import build_truth_scene
 from ..reference.truth.path_traced import Estimate, estimate, path_depth, picture
 from ..reference.truth.points import CameraView, Points, PointSet, choose_points, pixel_view
@@ -99,19 +99,23 @@ def _trace(
     return out
 
 
-def _put(out: cache.Arrays, name: str, e: Estimate, extra: F64) -> None:
-    out[f"{name}.irradiance"] = (e.irradiance + extra).astype(np.float32)
+def _put(out: cache.Arrays, name: str, e: Estimate, extra: tuple[F64, F64]) -> None:
+    out[f"{name}.irradiance"] = (e.irradiance + extra[0]).astype(np.float32)
     out[f"{name}.spp"] = np.array(e.spp)
     if e.l1 is not None:
-        out[f"{name}.l1"] = e.l1.astype(np.float32)
+        out[f"{name}.l1"] = (e.l1 + extra[1]).astype(np.float32)
 
 
-def _punctual_input(scene: Scene, g: Geometry, p: Points) -> F64:
-    """Direct light (N, 3) of punctual lights tagged `input`: no ray can meet them, so it is added exactly."""
-    total = np.zeros_like(p.positions)
+def _punctual_input(scene: Scene, g: Geometry, p: Points) -> tuple[F64, F64]:
+    """Direct light (N, 3) of punctual lights tagged `input`, and the same by exact L1 SH at the point: no ray can meet
+    them, so both are added exactly."""
+    total, l1 = np.zeros_like(p.positions), np.zeros_like(p.positions)
     for light in punctual_lights(scene, "input"):
         total += punctual_irradiance(g, light, p.positions, p.normals)
-    return total
+        towards, distance, facing = arriving(light, p.positions)
+        seen = visible(g, p.positions, p.normals, towards, distance)
+        l1 += facing * (seen * (0.25 + 0.5 * np.einsum("ni,ni->n", towards, p.normals)))[:, None]
+    return total, l1
 
 
 def _estimate(kept: cache.Arrays, name: str, depth: int) -> Estimate:

@@ -47,8 +47,7 @@ def run_scenes(
         "scenes": records,
         "charts": kept_charts(scenes, seed),
     }
-    write_report(out, results, views)
-    return results
+    return write_report(out, results, views)
 
 
 def load_all(sources: Sequence[Path], overrides: Mapping[str, Any]) -> list[Scene]:

@@ -50,6 +50,7 @@ def results_table(results: Mapping[str, Any]) -> str:
     rows = [_row(scene) for scene in results["scenes"]]
     used = [i for i in range(len(COLUMNS)) if i < 2 or any(row[i] != DASH for row in rows)]
     text = table([[row[i] for i in used] for row in [list(COLUMNS), *rows]])
+    text += "\n± is one standard error"
     failed = [scene for scene in results["scenes"] if scene["status"] != "ok"]
     reasons = [f"{plain(str(scene['name']))}: {plain(str(scene.get('error') or 'failed'))}" for scene in failed]
     return "\n".join([text, *reasons])

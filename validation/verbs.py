@@ -110,7 +110,12 @@ def gate(arguments: Namespace) -> int:
     from .record import write_bytes_atomic
 
     limits = gates.only(gates.load_gates(arguments.gates), arguments.scene)
-    judged = gates.judge(gates.load_run(arguments.run), limits)
+    results = gates.load_run(arguments.run)
+    if not (arguments.scene or arguments.every_scene):
+        limits, absent = gates.present(limits, results)
+        if absent:
+            print(f"gate: not judged, not in the run: {', '.join(absent)}", file=sys.stderr)
+    judged = gates.judge(results, limits)
     for path, render in ((arguments.junit, gate_output.junit), (arguments.markdown, gate_output.markdown)):
         if path is not None:
             check_out(path.absolute().parent)

@@ -30,7 +30,7 @@ BATCHES = 8
 LANES = 1 << 20  # paths per launch
 FIRST_SAMPLES, SAMPLES = 16, 64  # per point and randomisation in the first and in later passes: stratified together
 FLOOR_NOISE = 0.05  # enough beside floors of a few per cent, because it cancels in the cross-half estimator
-ROULETTE_DEPTH = 4
+ROULETTE_DEPTH, NO_ROULETTE, MAX_DEPTH = 4, 184, 1024
 SHINY = 0.9  # albedo that a material kept for the truth counts with in the depth of paths
 
 
@@ -66,12 +66,21 @@ class Estimate:
         return math.sqrt(float(self.variance_of_mean.mean())) / mean if mean > 0 else 0.0
 
 
-def path_depth(scene: Scene, tolerance: float) -> int:
-    """Depth D with ρ^D under a tenth of `tolerance` for the largest albedo ρ, 8 … 512 (failure-catalogue F3, F4)."""
+def largest_albedo(scene: Scene) -> float:
+    """Largest albedo a path may meet. Mirrors and glass reflect or pass nearly all, whatever their diffuse part says."""
     diffuse = max(float(m.texture.max()) if m.texture is not None else float(m.albedo.max()) for m in scene.materials)
-    # Mirrors and glass reflect or pass nearly all, whatever their diffuse part says.
-    worst = min(max(diffuse, 0.05, *(SHINY for m in scene.materials if m.truth_bsdf is not None)), 0.98)
-    return int(np.clip(math.ceil(math.log(tolerance / 10) / math.log(worst)), 8, 512))
+    return min(max(diffuse, 0.05, *(SHINY for m in scene.materials if m.truth_bsdf is not None)), 0.9999)
+
+
+def path_depth(scene: Scene, tolerance: float) -> int:
+    """Depth D with ρ^D under a tenth of `tolerance` for the largest albedo ρ, 8 … MAX_DEPTH (failure-catalogue F3, F4)."""
+    return int(np.clip(math.ceil(math.log(tolerance / 10) / math.log(largest_albedo(scene))), 8, MAX_DEPTH))
+
+
+def roulette_depth(depth: int) -> int:
+    """Bounce after which roulette may end a path: early, but never where albedos are so high that paths need more than
+    NO_ROULETTE bounces: Mitsuba's survival chance is capped at 0.95, and its variance is unbounded near ρ = 0.975."""
+    return ROULETTE_DEPTH if depth <= NO_ROULETTE else depth
 
 
 def estimate(t: TruthScene, points: Points, s: TruthSettings, depth: int, seed: int, progress: Progress) -> Estimate:
@@ -170,7 +179,7 @@ def _indirect_radiance(t: TruthScene, ray: Any, sampler: Any, depth: int) -> Any
     import drjit as dr
     import mitsuba as mi
 
-    integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": ROULETTE_DEPTH})
+    integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": roulette_depth(depth)})
     radiance, _, _ = integrator.sample(t.scene, sampler, ray)
     first = t.scene.ray_intersect(ray)
     hit = first.is_valid()

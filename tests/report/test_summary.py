@@ -15,10 +15,10 @@ def test_one_line_a_scene_and_why_one_failed(results: Make) -> None:
     made = results("cornell", "house")
     made["scenes"].append({"name": "valley", "status": "failed", "error": "vertex 1204 is NaN"})
     lines = results_table(made).splitlines()
-    assert len(lines) == 5
+    assert len(lines) == 6 and lines[4] == "± is one standard error"
     assert lines[0].split() == ["scene", "status", "relrmse", "floor_l1", "probes", "bake_s"]  # no leak: nobody has one
     assert lines[1].split()[:5] == ["cornell", "ok", "0.11", "±", "0.0033"]
-    assert lines[4] == "valley: vertex 1204 is NaN"
+    assert lines[5] == "valley: vertex 1204 is NaN"
 
 
 def test_charts_alone_show_their_settings(results: Make, chart: Make) -> None:

@@ -217,3 +217,11 @@ def test_one_bad_scene_does_not_take_the_others_down(
 def test_two_scenes_of_one_name_are_refused(room: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="two scenes are called room"):
         run_scenes([room, room], {}, 1, tmp_path, True, "test")
+
+
+def test_nothing_to_place_probes_for(run: Runner, tmp_path: Path) -> None:
+    """Every mesh lit by a lightmap and no volume: refused by name, not an internal error."""
+    scene = write_scene(tmp_path / "mapped", {"walls": box((0, 0, 0), (1, 1, 1)), "lamp": lamp()}, ROOM)
+    lightmap = {name: {"lit_by": "lightmap"} for name in ("walls", "lamp")}
+    with pytest.raises(InputError, match="no probe placed: no mesh"):
+        run(scene, "a", meshes=lightmap)

@@ -12,7 +12,7 @@ from lightgauge.reference.datatypes import Scene, Sky
 from lightgauge.reference.progress import silent
 from lightgauge.validation import ground_truth as module
 from lightgauge.validation.ground_truth import ground_truth, truth_hash
-from small_scenes import box, material, scene
+from small_scenes import box, material, quad, scene
 
 CAMERA = {"origin": (0.5, 0.5, 0.9), "target": (0.5, 0.4, 0), "width": 8, "height": 8}
 LIGHT = {"type": "point", "position": (0.5, 0.8, 0.5), "intensity": (1, 1, 1)}
@@ -79,3 +79,18 @@ def test_input_tagged_point_light_is_added_exactly(tmp_path: Path, monkeypatch: 
     exact = np.maximum(np.einsum("ni,ni->n", offset, p.normals), 0) / d**3
     difference = given.estimates["camera"].mean - engine.estimates["camera"].mean
     np.testing.assert_allclose(difference, exact[:, None].repeat(3, 1), rtol=1e-4, atol=1e-4)
+
+
+def test_floor_knows_of_input_tagged_lights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A light from one direction alone: E = E⊥ cosθ, and exact L1 SH gives E⊥ (1/4 + cosθ/2) where it is seen."""
+    monkeypatch.setenv("LIGHTGAUGE_CACHE", str(tmp_path))
+    sun = {"type": "directional", "direction": (0, -1, 0), "irradiance": (2, 2, 2), "tag": "input"}
+    plane = quad([[-5, 0, -5], [-5, 0, 5], [5, 0, 5], [5, 0, -5]])
+    camera = {"origin": (0, 2, 3), "target": (0, 0, 0), "width": 8, "height": 8}
+    truth = {"noise": 0.5, "max_spp": 512, "points": 16, "picture_spp": 1}
+    s = scene([plane], [material(0.5)], lights={"sun": sun}, cameras={"c": camera}, truth=truth)
+    found = ground_truth(s, 0, silent).estimates["camera"]
+    assert found.l1 is not None
+    np.testing.assert_allclose(found.irradiance, 2.0, rtol=1e-5)
+    # What the plane itself sends back from below adds 0 on average: ∫ (1/4 + cosθ/2) over the lower half is 0.
+    assert found.l1.mean() == pytest.approx(1.5, rel=0.02)

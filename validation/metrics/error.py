@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import t as student_t
 
 F64 = npt.NDArray[np.float64]
 POINT_BLOCKS = 20
@@ -96,9 +97,14 @@ def measure_error(ours: F64, batches: F64) -> dict[str, Measured]:
 
 
 def worst_points(ours: F64, batches: F64, count: int = 5) -> npt.NDArray[np.intp]:
-    """Indices of the points with the largest error beyond three standard errors of the reference, largest first."""
+    """Indices of the points with the largest error beyond what the reference's noise explains, largest first.
+
+    A point counts if a t-test of its error, corrected for the number of points and colours (Bonferroni), is significant
+    at 5 % in all.
+    """
     reference = batches.mean(axis=0)
     noise = batches.std(axis=0, ddof=1) / math.sqrt(len(batches))
-    excess = np.maximum(np.abs(ours - reference) - 3.0 * noise, 0.0).mean(axis=1)
+    quantile = float(student_t.ppf(1.0 - 0.025 / reference.size, len(batches) - 1))
+    excess = np.maximum(np.abs(ours - reference) - quantile * noise, 0.0).mean(axis=1)
     order = np.argsort(-excess, kind="stable")[:count]
     return order[excess[order] > 0.0]

@@ -31,10 +31,10 @@ from .verdict import badness
 TEMPLATES = Path(__file__).with_name("templates")
 
 
-def write_report(out: Path, results: Mapping[str, Any], views: Sequence[SceneView]) -> None:
+def write_report(out: Path, results: Mapping[str, Any], views: Sequence[SceneView]) -> JsonObject:
     """Write the whole report into folder `out` (made if missing).
 
-    results: the record, see results.schema.json; left as it is, the files written are added to the copy on disk.
+    results: the record, see results.schema.json; left as it is. Returns what results.json holds: it names the files too.
     views: pictures of the scenes, matched by `view.pictures.scene`; any number, also none.
     """
     record = copy.deepcopy(dict(results))
@@ -49,6 +49,7 @@ def write_report(out: Path, results: Mapping[str, Any], views: Sequence[SceneVie
     write_bytes_atomic(out / "results.schema.json", SCHEMA_FILE.read_bytes())
     write_json_atomic(out / "results.json", record)
     write_bytes_atomic(out / "index.html", html.encode("utf-8", "replace"))
+    return record
 
 
 def exr_names(views: Sequence[SceneView]) -> list[str]:
