@@ -82,10 +82,13 @@ def patch_share(metrics: Mapping[str, Any]) -> float:
 
 
 def floor_ratio(metrics: Mapping[str, Any]) -> float | None:
-    """Error over the L1 floor."""
+    """Error over the L1 floor. Where the floor is below the noise, its upper bound (two standard errors) stands in."""
     if "relrmse_over_floor" in metrics:
         return float(metrics["relrmse_over_floor"]["value"])
+    record = metrics.get("floor_l1", {})
     floor = _value(metrics, "floor_l1")
+    if record.get("below_noise"):
+        floor += 2.0 * float(record.get("se") or 0.0)
     return _value(metrics, "relrmse") / floor if floor > 0.0 and "relrmse" in metrics else None
 
 
