@@ -8,6 +8,7 @@ import numpy as np
 
 from ..reference.datatypes import F32, Scene
 from ..reference.pipeline import Probes
+from ..reference.transport.patches import nearest_texel
 from ..reference.truth.points import CameraView, Points
 from ..reference.volume.layout import TEXEL_OFFSETS
 from .ground_truth import GroundTruth
@@ -55,10 +56,7 @@ def view_albedo(scene: Scene, truth: GroundTruth, view: CameraView) -> F32:
         corner = mesh.uvs[mesh.faces[view.triangle[mine] - first]]
         w = np.column_stack([1.0 - view.uv[mine].sum(axis=1), view.uv[mine]])
         uv = np.einsum("ni,nic->nc", w, corner)
-        height, width = texture.shape[:2]
-        column = np.floor(uv[:, 0] * width).astype(int) % width
-        row = np.floor((1.0 - uv[:, 1]) * height).astype(int) % height
-        albedo[mine] = texture[row, column, :3]
+        albedo[mine] = nearest_texel(texture, uv)
     return albedo
 
 

@@ -165,12 +165,12 @@ def _element_albedo(scene: Scene, g: Geometry, cuts: I32, first: I64, triangle: 
         for xy in TEXTURE_POINTS:
             uv = points_in_elements(cuts, first, triangle[mine], mine, np.tile(xy, (len(mine), 1)))
             w = np.column_stack([1.0 - uv.sum(axis=1), uv])
-            total += _texel(texture, np.einsum("ni,nic->nc", w, corner))
+            total += nearest_texel(texture, np.einsum("ni,nic->nc", w, corner))
         albedo[mine] = baked_albedo(scene.materials[mesh.material], total / len(TEXTURE_POINTS))
     return albedo
 
 
-def _texel(texture: npt.NDArray[np.floating], uv: F64) -> F64:
+def nearest_texel(texture: npt.NDArray[np.floating], uv: F64) -> F64:
     """Nearest texel (N, 3) at texture coordinates (N, 2), repeating; row 0 is v = 1."""
     height, width = texture.shape[:2]
     column = np.floor(uv[:, 0] * width).astype(int) % width

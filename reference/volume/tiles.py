@@ -67,6 +67,3 @@ def stored(texels: F32, storage: Storage) -> F32:
     light = (texels[..., :12] / exposure).astype(np.float16).astype(np.float32) * exposure
     weight = np.round(texels[..., 12:] * steps) / steps
     return np.concatenate([light, weight.astype(np.float32)], axis=-1)
-
-
-TEXEL_BYTES: dict[Storage, int] = {"float32": 52, "half16": 26, "half8": 25}

@@ -55,3 +55,12 @@ def test_tables_of_the_kernel() -> None:
     scale = pre_exposure(texture.texels)
     assert len(words) == 48
     assert struct.unpack("8f4i", words) == (0, 0, 0, 1, 16, 16, 16, scale, *texture.indirection.cache, 4)
+
+
+def test_bytes_of_a_texel() -> None:
+    """What the arrays really hold: the talk's 25 bytes (12 halves and an 8-bit weight), 26 with 16 bits, 52 in float32."""
+    tree = random_tree(4, 0.4, 4)
+    texture, _ = texture_of(tree, random_probes(len(tree.corners), 0.0, 4))
+    texels = 27 * int(np.prod(texture.indirection.cache))
+    for storage, size in (("float32", 52), ("half16", 26), ("half8", 25)):
+        assert cache_textures(texture, storage).bytes == size * texels  # type: ignore[arg-type]

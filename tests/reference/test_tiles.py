@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from lightgauge.reference.lattice import OCTANTS
 from lightgauge.reference.volume.layout import TEXEL_OFFSETS
-from lightgauge.reference.volume.tiles import PARENT_WEIGHTS, TEXEL_BYTES, fill_tiles, probe_texels, stored
+from lightgauge.reference.volume.tiles import PARENT_WEIGHTS, fill_tiles, probe_texels, stored
 from small_scenes import random_probes, random_tree, texture_of
 
 
@@ -88,8 +86,3 @@ def test_what_half_floats_lose() -> None:
         kept = stored(np.float32([[scale, 1e-13 * scale, *[0.5 * scale] * 10, 1.0]]), "half16")
         assert np.isfinite(kept).all()
         np.testing.assert_allclose(kept[0, :12] / scale, [1.0, 0.0, *[0.5] * 10], rtol=2**-11, atol=1e-14)
-
-
-def test_bytes_of_a_texel() -> None:
-    assert TEXEL_BYTES == {"float32": 13 * 4, "half16": 12 * 2 + 2, "half8": 12 * 2 + 1}
-    assert math.prod((3, 3, 3)) == len(TEXEL_OFFSETS)
