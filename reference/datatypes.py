@@ -35,6 +35,8 @@ class Material:
     truth_bsdf: plugin dictionary for the ground truth where the material is not diffuse; None means diffuse. Numbers,
       strings, nested dictionaries only; the value "@texture" stands for this material's `texture`, "@opacity" for `opacity`.
     opacity: (H, W) f32 in 0..1 for masked materials, or None.
+    emission_texture: (H, W, 3) f32, linear, not negative, row 0 at v = 1, or None. Meshes of this material
+      emit Mesh.emission × this, W·m⁻²·sr⁻¹; they all have `uvs`, and none is lit by an area light, so none is `engine`.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Material:
     passes_light: bool = False
     truth_bsdf: Mapping[str, Any] | None = None
     opacity: F32 | None = None
+    emission_texture: F32 | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +55,8 @@ class Mesh:
 
     vertices: (V, 3) f64 m. faces: (F, 3) i32, counter-clockwise seen from the front, none degenerate.
     uvs: (V, 2) f32 or None. material: index into Scene.materials. probe_size: voxel size asked for, m, or None.
-    emission: (3,) f64 radiance, W·m⁻²·sr⁻¹. engine_lit: the emission is a light tagged `engine`.
+    emission: (3,) f64 radiance, W·m⁻²·sr⁻¹, a factor where the material has an emission_texture. engine_lit: the emission
+      is a light tagged `engine`.
     closed: watertight with consistent winding, so "inside" has a meaning.
     """
 

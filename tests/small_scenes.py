@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from lightgauge.reference.config import SceneSettings
+from lightgauge.reference.config import MeshSettings, SceneSettings
 from lightgauge.reference.datatypes import F64, Material, Mesh, Scene, Sky, VirtualTexture
 from lightgauge.reference.lattice import OCTANTS, Grid, Octree, unique_cells
 from lightgauge.reference.placement.octree import _corners
@@ -99,9 +100,24 @@ def scene(
     return Scene("test", SceneSettings.model_validate(tables), tuple(meshes), made, sky, (), "0")
 
 
+def with_lumels(s: Scene, sizes: Mapping[str, float]) -> Scene:
+    """The same scene whose settings ask for lumels, edge in m by name of mesh."""
+    tables = {name: MeshSettings(material="m", lumel_size=size) for name, size in sizes.items()}
+    return dataclasses.replace(s, settings=s.settings.model_copy(update={"meshes": tables}))
+
+
 def surfaces(s: Scene, size: float) -> tuple[Geometry, Patches]:
     g = build_geometry(s)
     return g, build_patches(s, g, size)
+
+
+def one_patch_each(quads: Sequence[Any]) -> tuple[Geometry, Patches, Array]:
+    """Every quadrilateral (4, 3) is a patch; third: the number of the patch that each became."""
+    s = scene([quad(q, mat=i) for i, q in enumerate(quads)], [material(0.5)] * len(quads))
+    g, p = surfaces(s, 1e9)
+    number = np.zeros(len(quads), np.int64)
+    number[g.mesh[p.element_triangle]] = p.element_patch
+    return g, p, number
 
 
 def random_units(n: int, seed: int) -> F64:

@@ -2,35 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..config import (
-    AreaLight,
-    ConstantSky,
-    DirectionalLight,
-    ImageSky,
-    MeshSettings,
-    PointLight,
-    SceneSettings,
-    SpotLight,
-)
-from ..datatypes import Material, Mesh, Scene, Sky
+from ..config import AreaLight, MeshSettings, SceneSettings
+from ..datatypes import F64, Material, Mesh, Scene
 from ..errors import InputError
-from .checks import tidy
+from .buried_lights import refuse_buried
+from .digest import digest
 from .document import Document, MeshArrays
-from .images import read_sky
+from .doors import check_area_lights, check_light, check_lit_twice, check_meshes, check_surfaces, check_values
+from .mesh_repair import repair
 from .names import clean
 from .obj import obj_arrays
 from .paths import resolve_inside
 from .ply import read_ply
 from .settings import settle
+from .skies import make_sky
 from .surfaces import make_material, plain_twin
 
 MAX_FACES = 64_000_000
@@ -38,7 +30,7 @@ MAX_FACES = 64_000_000
 
 @dataclass
 class _Parts:
-    """What has been built so far."""
+    """What has been built so far. loose: how many vertices of each mesh stood twice or were not used."""
 
     document: Document
     settings: SceneSettings
@@ -46,47 +38,10 @@ class _Parts:
     meshes: list[Mesh] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     files: dict[Path, MeshArrays] = field(default_factory=dict)
+    loose: dict[str, int] = field(default_factory=dict)
 
     def where(self, path: str) -> str:
         return f"{self.document.source}: {path}"
-
-
-def _check_references(settings: SceneSettings, source: str) -> None:
-    """Names that point nowhere, and surfaces lit twice. Raises InputError."""
-    for name, mesh in settings.meshes.items():
-        if mesh.material not in settings.materials:
-            known = ", ".join(list(settings.materials)[:8]) or "none"
-            raise InputError(f"{source}: meshes.{name}.material: no material {mesh.material!r}; there are: {known}")
-    lit: dict[str, str] = {}
-    for name, light in settings.lights.items():
-        if not isinstance(light, AreaLight):
-            continue
-        path = f"{source}: lights.{name}.mesh"
-        if light.mesh not in settings.meshes:
-            raise InputError(f"{path}: no mesh {light.mesh!r}; there are: {', '.join(list(settings.meshes)[:8])}")
-        if light.mesh in lit:
-            raise InputError(f"{path}: mesh {light.mesh!r} is lit by {lit[light.mesh]!r} already; keep one of them")
-        material = settings.meshes[light.mesh].material
-        if any(settings.materials[material].emission):
-            raise InputError(f"{path}: material {material!r} emits too; remove its emission or this light")
-        lit[light.mesh] = name
-
-
-def _check_light(settings: SceneSettings, source: str) -> None:
-    """Raises InputError if nothing shines."""
-    values: list[Iterable[float]] = [settings.materials[m.material].emission for m in settings.meshes.values()]
-    for light in settings.lights.values():
-        if isinstance(light, ImageSky):
-            values.append((light.scale,))
-        elif isinstance(light, DirectionalLight):
-            values.append(light.irradiance)
-        else:
-            values.append(light.intensity if isinstance(light, PointLight | SpotLight) else light.radiance)
-    if not any(any(v) for v in values):
-        raise InputError(
-            f"{source}: lights: no light and no emission, everything is black; add a light, "
-            'for example [lights.sky] type = "sky" radiance = [1, 1, 1]'
-        )
 
 
 def _overridden(overrides: Mapping[str, Any], material: str) -> bool:
@@ -117,8 +72,8 @@ def _material_index(parts: _Parts, name: str, mesh: MeshSettings, has_uvs: bool)
     """Index of the mesh's material; of its plain twin if pictures have no coordinates to hold on to."""
     index = list(parts.settings.materials).index(mesh.material)
     material = parts.materials[index]
-    pictured = material.texture is not None or (material.opacity is not None and material.opacity.size > 1)
-    if has_uvs or not pictured:
+    masked = material.opacity is not None and material.opacity.size > 1
+    if has_uvs or not (masked or material.texture is not None or material.emission_texture is not None):
         return index
     where = parts.where(f"meshes.{name}")
     if not parts.document.own_units:
@@ -134,70 +89,52 @@ def _material_index(parts: _Parts, name: str, mesh: MeshSettings, has_uvs: bool)
     return known.index(twin.name)
 
 
-def _add_mesh(parts: _Parts, name: str, mesh: MeshSettings, area: Mapping[str, AreaLight]) -> None:
-    arrays, closed, notes = tidy(_arrays(parts, name, mesh), parts.where(f"meshes.{name}"))
-    parts.notes += notes
-    light = area.get(name)
-    emission = light.radiance if light else parts.settings.materials[mesh.material].emission
+def _emission(parts: _Parts, mesh: MeshSettings, material: Material, light: AreaLight | None) -> F64:
+    """(3,) radiance, or the factor of the material's emission picture; the mean of a picture that its twin lost."""
+    if light is not None:
+        return np.array(light.radiance, np.float64)
+    factor = np.array(parts.settings.materials[mesh.material].emission, np.float64)
+    picture = parts.materials[list(parts.settings.materials).index(mesh.material)].emission_texture
+    if picture is None or material.emission_texture is not None:
+        return factor
+    return factor * picture.mean(axis=(0, 1), dtype=np.float64)
+
+
+def _add_mesh(parts: _Parts, name: str, mesh: MeshSettings, light: AreaLight | None) -> None:
+    arrays = _arrays(parts, name, mesh)
+    index = _material_index(parts, name, mesh, arrays.uvs is not None)
+    material = parts.materials[index]
+    emission = _emission(parts, mesh, material, light)
+    has_front = not material.two_sided or bool(emission.any())
+    file = f" ({mesh.file})" if mesh.file else ""
+    repaired = repair(arrays, parts.where(f"meshes.{name}{file}"), has_front)
+    parts.notes += repaired.notes
+    parts.loose[name] = repaired.loose
     parts.meshes.append(
         Mesh(
             name=name,
-            vertices=arrays.vertices,
-            faces=arrays.faces,
-            uvs=arrays.uvs,
-            material=_material_index(parts, name, mesh, arrays.uvs is not None),
+            vertices=repaired.mesh.vertices,
+            faces=repaired.mesh.faces,
+            uvs=repaired.mesh.uvs,
+            material=index,
             static=mesh.role == "static",
             lit_by_probes=mesh.lit_by == "probes",
             probe_size=mesh.probe_size,
-            emission=np.array(emission, np.float64),
+            emission=emission,
             engine_lit=light is not None and light.tag == "engine",
-            closed=closed,
+            closed=repaired.closed,
         )
     )
 
 
-def _sky(parts: _Parts) -> Sky | None:
-    found = {n: s for n, s in parts.settings.lights.items() if isinstance(s, ConstantSky | ImageSky)}
-    if len(found) > 1:
-        raise InputError(
-            f"{parts.where('lights')}: only one sky is possible, got {', '.join(found)}; remove the others"
-        )
-    for name, light in found.items():
-        engine = light.tag == "engine"
-        if isinstance(light, ConstantSky):
-            return Sky(np.array(light.radiance, np.float32).reshape(1, 1, 3), 0.0, engine)
-        where = parts.where(f"lights.{name}.file")
-        image = parts.document.textures.get(light.file)
-        if image is None:
-            image, notes = read_sky(resolve_inside(parts.document.folder, light.file, where), where)
-            parts.notes += notes
-        return Sky(image * np.float32(light.scale), light.rotation_deg, engine)
-    return None
-
-
-def _digest(scene: Scene) -> str:
-    """SHA-256 over settings and arrays, each array with its name, type and shape in front."""
-    sha = hashlib.sha256(scene.settings.model_dump_json().encode())
-
-    def put(label: str, array: Any) -> None:
-        a = np.ascontiguousarray(array)
-        sha.update(f"{label} {a.dtype.str} {a.shape}".encode())
-        sha.update(a.data)
-
-    for mesh in scene.meshes:
-        put(mesh.name, mesh.vertices)
-        put("faces", mesh.faces)
-        put(f"uvs of material {mesh.material}", np.zeros(0) if mesh.uvs is None else mesh.uvs)
-        put("emission", mesh.emission)
-    for m in scene.materials:
-        flags = {"two": m.two_sided, "passes": m.passes_light, "truth": m.truth_bsdf}
-        sha.update(json.dumps([m.name, flags], sort_keys=True).encode())
-        put("albedo", m.albedo)
-        put("texture", np.zeros(0) if m.texture is None else m.texture)
-        put("opacity", np.zeros(0) if m.opacity is None else m.opacity)
-    if scene.sky:
-        put(f"sky {scene.sky.rotation_deg} {scene.sky.engine_lit}", scene.sky.image)
-    return sha.hexdigest()
+def _loose_note(parts: _Parts) -> list[str]:
+    loose = {name: count for name, count in parts.loose.items() if count}
+    if not loose:
+        return []
+    return [
+        f"{parts.document.source}: meshes: {sum(loose.values())} vertices were there twice or unused, and are merged or "
+        f"removed; meshes with some: {len(loose)}, first {next(iter(loose))!r}"
+    ]
 
 
 def scene_name(path: Path) -> str:
@@ -210,12 +147,10 @@ def build_scene(document: Document, overrides: Mapping[str, Any]) -> Scene:
     """The scene of a document. Raises InputError naming file and element for anything that cannot be right."""
     settings = settle(document, overrides)
     source = str(document.source)
-    if not settings.meshes:
-        raise InputError(f"{source}: meshes: the scene is empty; add a mesh")
-    if all(m.role == "moving" for m in settings.meshes.values()):
-        raise InputError(f"{source}: meshes: all are moving, probes need static surfaces; make one static")
-    _check_references(settings, source)
-    _check_light(settings, source)
+    check_meshes(settings, source)
+    check_area_lights(settings.lights, settings.meshes, source)
+    check_lit_twice(settings, source)
+    check_values(settings.lights, settings.materials, source)
     parts = _Parts(document, settings, notes=list(document.notes))
     for name, material in settings.materials.items():
         made, notes = make_material(name, material, document, _overridden(overrides, name))
@@ -223,14 +158,18 @@ def build_scene(document: Document, overrides: Mapping[str, Any]) -> Scene:
         parts.notes += notes
     area = {light.mesh: light for light in settings.lights.values() if isinstance(light, AreaLight)}
     for mesh_name, mesh in settings.meshes.items():
-        _add_mesh(parts, mesh_name, mesh, area)
+        _add_mesh(parts, mesh_name, mesh, area.get(mesh_name))
+    sky, notes = make_sky(settings.lights, document.folder, document.textures, source)
+    check_surfaces(parts.meshes, parts.materials, source)
+    check_light(settings.lights, parts.meshes, parts.materials, sky, source)
+    refuse_buried(settings.lights, parts.meshes, parts.materials, source)
     scene = Scene(
         name=scene_name(document.source),
         settings=settings,
         meshes=tuple(parts.meshes),
         materials=tuple(parts.materials),
-        sky=_sky(parts),
-        notes=tuple(dict.fromkeys(parts.notes)),
+        sky=sky,
+        notes=tuple(dict.fromkeys([*parts.notes, *_loose_note(parts), *notes])),
         content_hash="",
     )
-    return Scene(**{**vars(scene), "content_hash": _digest(scene)})
+    return replace(scene, content_hash=digest(scene))

@@ -1,4 +1,4 @@
-"""Geometry checks: what is wrong is refused, what is harmless is dropped and said."""
+"""What a mesh must be to be read at all, and what of it has no area or stands twice."""
 
 from __future__ import annotations
 
@@ -9,9 +9,6 @@ from ..errors import InputError
 from .document import MeshArrays
 
 MAX_COORDINATE_M = 1e9
-# Twice the area over the squared longest edge under which a triangle counts as degenerate: a sliver of 1 : 10^7 has no
-# stable normal in the single precision that ray tracing works in.
-FLATNESS = 1e-7
 
 
 def refuse_broken(mesh: MeshArrays, where: str) -> None:
@@ -50,13 +47,13 @@ def weld(vertices: F64) -> I64:
     return places
 
 
-def flat_faces(vertices: F64, faces: I32) -> Bool:
-    """(F,) true where the triangle has no area in single precision."""
+def proportions(vertices: F64, faces: I32) -> tuple[F64, F64]:
+    """(F,) twice the area and (F,) the squared longest edge of each triangle, m², in single precision coordinates."""
     p = vertices.astype(np.float32).astype(np.float64)[faces]
     a, b = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
     double_area = np.linalg.norm(np.cross(a, b), axis=1)
     longest = np.maximum(np.maximum((a * a).sum(1), (b * b).sum(1)), ((a - b) ** 2).sum(1))
-    return np.asarray(double_area <= FLATNESS * longest, bool)
+    return double_area, longest
 
 
 def repeated_faces(corners: I64) -> Bool:
@@ -68,38 +65,3 @@ def repeated_faces(corners: I64) -> Bool:
     out = np.zeros(len(corners), bool)
     out[order] = same  # lexsort is stable: the first of a run has the lowest number
     return out
-
-
-def is_closed(corners: I64) -> bool:
-    """Watertight with consistent winding: each directed edge once, and its reverse once.
-
-    The sign of the volume does not matter: the inside of a room is its front.
-    """
-    start, end = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
-    n = int(corners.max()) + 1 if corners.size else 1
-    forward, backward = np.sort(start * n + end), np.sort(end * n + start)
-    unique = bool(np.all(np.diff(forward) > 0))
-    return unique and bool(np.array_equal(forward, backward))
-
-
-def tidy(mesh: MeshArrays, where: str) -> tuple[MeshArrays, bool, list[str]]:
-    """Drop degenerate and repeated triangles. Returns the mesh, whether it is closed, and notes.
-
-    Vertices without a face are dropped too, so that bounds mean the surface. Raises InputError if no area is left.
-    """
-    refuse_broken(mesh, where)
-    flat = flat_faces(mesh.vertices, mesh.faces)
-    if flat.all():
-        raise InputError(
-            f"{where}: the mesh has no area: all {len(flat)} triangles are degenerate; repair or remove it"
-        )
-    faces = mesh.faces[~flat]
-    corners = weld(mesh.vertices)[faces]
-    repeated = repeated_faces(corners)
-    faces, corners = faces[~repeated], corners[~repeated]
-    counts = ((int(flat.sum()), "degenerate"), (int(repeated.sum()), "repeated"))
-    notes = [f"{where}: dropped {n} {kind} of {len(flat)} triangles" for n, kind in counts if n]
-    used, inverse = np.unique(faces, return_inverse=True)
-    uvs = None if mesh.uvs is None else mesh.uvs[used]
-    kept = MeshArrays(mesh.vertices[used], inverse.reshape(-1, 3).astype(np.int32), uvs)
-    return kept, is_closed(corners), notes

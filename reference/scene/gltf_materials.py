@@ -1,7 +1,7 @@
 """glTF metallic-roughness materials to diffuse ones, with `principled` kept for the ground truth.
 
 The base colour is the albedo, metal or not: what a metal reflects is its base colour. Emission is emissiveFactor ×
-emissiveStrength × the mean of its texture.
+emissiveStrength × emissiveTexture.
 """
 
 from __future__ import annotations
@@ -55,10 +55,7 @@ class GltfMaterials:
             return
         path = f"materials[{index}]"
         pbr = table(self.gltf, entry, "pbrMetallicRoughness", path)
-        self.settings[name] = {
-            "two_sided": entry.get("doubleSided") is True,
-            "emission": self._emission(name, entry, path),
-        }
+        self.settings[name] = {"two_sided": entry.get("doubleSided") is True, **self._emission(name, entry, path)}
         picture, factor = self._base(name, pbr, path)
         self._gloss(name, pbr, path)
         self._alpha(name, entry, picture, factor[3], path)
@@ -81,21 +78,19 @@ class GltfMaterials:
             self.notes.append(f"{self.gltf.source}: {path}: second set or transform of texture coordinates ignored")
         return self.pictures[key]
 
-    def _emission(self, name: str, entry: dict[str, Any], path: str) -> list[float]:
+    def _emission(self, name: str, entry: dict[str, Any], path: str) -> dict[str, Any]:
+        """emission = emissiveFactor × emissiveStrength, and the picture that it multiplies."""
         factor = vector(self.gltf, entry, "emissiveFactor", [0.0, 0.0, 0.0], path)
-        strength = number(
-            self.gltf,
-            extension(self.gltf, entry, "KHR_materials_emissive_strength", path),
-            "emissiveStrength",
-            1.0,
-            path,
-        )
-        out = np.maximum(np.array(factor) * strength, 0.0)
-        if "emissiveTexture" in entry and out.any():
-            mean = self.picture(table(self.gltf, entry, "emissiveTexture", path), path).rgb.mean(axis=(0, 1))
-            out = out * mean
-            self._note(name, "its emissive texture is replaced by its mean")
-        return [float(x) for x in out]
+        extra = extension(self.gltf, entry, "KHR_materials_emissive_strength", path)
+        strength = number(self.gltf, extra, "emissiveStrength", 1.0, path)
+        out: dict[str, Any] = {"emission": np.maximum(np.array(factor) * strength, 0.0).tolist()}
+        if "emissiveTexture" in entry and any(out["emission"]):
+            glow = self.picture(table(self.gltf, entry, "emissiveTexture", path), path)
+            if not glow.rgb.any():  # exporters write black pictures for "none"
+                return {"emission": [0.0, 0.0, 0.0]}
+            out["emission_texture"] = f"glow of {name}"
+            self.textures[out["emission_texture"]] = glow.rgb
+        return out
 
     def _base(self, name: str, pbr: dict[str, Any], path: str) -> tuple[Picture | None, list[float]]:
         factor = vector(self.gltf, pbr, "baseColorFactor", [1.0, 1.0, 1.0, 1.0], path)

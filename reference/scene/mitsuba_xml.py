@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..datatypes import F32
+import numpy as np
+
+from ..datatypes import F32, F64
 from ..errors import InputError
 from .defaults import default_camera
 from .document import Document, MeshArrays
@@ -15,6 +17,7 @@ from .xml_camera import convert_sensor
 from .xml_lights import convert_emitter, power
 from .xml_materials import Surface, convert
 from .xml_shapes import shape_arrays, shape_name
+from .xml_textures import colour
 from .xml_values import IGNORED_TAGS, Context, children, parse
 
 if TYPE_CHECKING:
@@ -60,19 +63,39 @@ class _Reader:
             self.materials[DEFAULT_MATERIAL] = {"albedo": [0.5, 0.5, 0.5]}
         return DEFAULT_MATERIAL
 
+    def _glowing(self, material: str, mesh: str, emitter: Element) -> tuple[str, F64 | None]:
+        """Name of a copy of the material that emits the bitmap of an area emitter, and the picture's map of uvs."""
+        glow = colour(emitter, ("radiance",), 1.0, self.ctx)
+        if glow.texture is None or "checkerboard" in glow.texture:
+            raise self.ctx.fail(emitter, "a textured radiance must be a bitmap")
+        surface = self.surfaces.get(material)
+        if surface is not None and _pictured(surface) and not _same(surface.colour.to_uv, glow.to_uv):
+            raise self.ctx.fail(emitter, "its to_uv differs from that of the shape's texture; bake it into the mesh")
+        name = unique(f"{material} of {mesh}", self.materials, "material")
+        self.materials[name] = {**self.materials[material], "emission": [1.0] * 3, "emission_texture": glow.texture}
+        self.textures |= glow.images
+        if surface is not None:
+            self.surfaces[name] = surface
+        self.ctx.note(emitter, "its radiance is a picture: input to the radiosity, all its light counts as indirect")
+        return name, glow.to_uv
+
     def add_shape(self, element: Element) -> None:
         """A <shape>, with its material and its area emitter."""
         name = unique(shape_name(element, self.ctx), self.meshes, "mesh")
         material = self._material_of(element, name)
         surface = self.surfaces.get(material)
+        to_uv = surface.colour.to_uv if surface else None
         self.ctx.subject = f"mesh {name}"
-        self.geometry[name] = shape_arrays(element, self.ctx, surface.colour.to_uv if surface else None)
-        self.meshes[name] = {"material": material}
         for _, emitter in children(element, "emitter", self.ctx):
             if emitter.get("type") != "area":
                 raise self.ctx.fail(emitter, "only an area emitter may stand inside a shape")
+            if any(n == "radiance" for n, _ in children(emitter, "texture", self.ctx)):
+                material, to_uv = self._glowing(material, name, emitter)
+                continue
             light = {"type": "area", "mesh": name, "radiance": power(emitter, "radiance", self.ctx), "tag": "engine"}
             self.lights[unique(name, self.lights)] = light
+        self.geometry[name] = shape_arrays(element, self.ctx, to_uv)
+        self.meshes[name] = {"material": material}
 
     def add(self, element: Element) -> None:
         """One child of <scene>."""
@@ -88,6 +111,15 @@ class _Reader:
             self.cameras[name] = convert_sensor(element, self.ctx)
         elif element.tag in IGNORED_TAGS:
             self.ctx.note(element, "ignored")
+
+
+def _pictured(surface: Surface) -> bool:
+    """It needs texture coordinates."""
+    return surface.colour.texture is not None or (surface.opacity is not None and surface.opacity.size > 1)
+
+
+def _same(a: F64 | None, b: F64 | None) -> bool:
+    return np.array_equal(np.eye(3) if a is None else a, np.eye(3) if b is None else b)
 
 
 def _notes(reader: _Reader) -> list[str]:

@@ -1,4 +1,4 @@
-"""MTL libraries beside OBJ files: Kd, map_Kd, Ke, d and Tr. The rest of the format is gloss, and is passed over."""
+"""MTL libraries beside OBJ files: Kd, map_Kd, Ke, map_Ke, d and Tr. The rest of the format is gloss, and is passed over."""
 
 from __future__ import annotations
 
@@ -18,13 +18,20 @@ MAP_OPTIONS = {
 
 @dataclass
 class MtlMaterial:
-    """One newmtl. kd, ke: linear RGB. opacity: `d`, or 1 − `Tr`. texture: map_Kd. masked: has a map_d."""
+    """One newmtl. kd, ke: linear RGB. opacity: `d`, or 1 − `Tr`. texture: map_Kd. glow: map_Ke. masked: has a map_d."""
 
     kd: tuple[float, float, float] | None = None
-    ke: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ke: tuple[float, float, float] | None = None
     opacity: float = 1.0
     texture: str | None = None
+    glow: str | None = None
     masked: bool = False
+
+    @property
+    def emission(self) -> list[float]:
+        """Radiance, or what map_Ke is multiplied by: Ke, without it 1 under a map and else 0."""
+        ke = self.ke or ((0.0, 0.0, 0.0) if self.glow is None else (1.0, 1.0, 1.0))
+        return [max(x, 0.0) for x in ke]
 
 
 def _floats(words: list[str], where: str) -> list[float]:
@@ -70,6 +77,8 @@ def _apply(material: MtlMaterial, key: str, rest: str, where: str) -> None:
         material.opacity = 1.0 - _floats(words[-1:], where)[0]
     elif key == "map_kd":
         material.texture = map_file(rest)
+    elif key == "map_ke":
+        material.glow = map_file(rest)
     elif key == "map_d":
         material.masked = True
 

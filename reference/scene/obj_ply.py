@@ -53,9 +53,9 @@ def _libraries(path: Path, read: ObjFile) -> dict[str, MtlMaterial]:
 
 def _settings(mtl: MtlMaterial, where: str) -> tuple[dict[str, Any], list[str]]:
     albedo, notes = clamp_albedo(GREY if mtl.kd is None else mtl.kd, f"{where}.Kd")
-    settings: dict[str, Any] = {"albedo": albedo, "emission": [max(x, 0.0) for x in mtl.ke], "two_sided": True}
-    if mtl.texture is not None:
-        settings["texture"] = mtl.texture
+    settings: dict[str, Any] = {"albedo": albedo, "emission": mtl.emission, "two_sided": True}
+    pictures = {"texture": mtl.texture, "emission_texture": mtl.glow}
+    settings |= {key: file for key, file in pictures.items() if file is not None}
     if mtl.masked:
         notes.append(f"{where}: map_d ignored, the surface counts as opaque")
     return settings, notes

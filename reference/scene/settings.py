@@ -6,7 +6,7 @@ import copy
 import difflib
 import json
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
@@ -16,9 +16,10 @@ from ..errors import InputError
 from .document import Document
 from .names import MAX_NAME, clean
 
-NAMED_TABLES = ("materials", "meshes", "lights", "volumes", "cameras")
+NAMED_TABLES = ("materials", "meshes", "lights", "volumes", "cameras", "cubemaps")
 LIGHT_TYPES = ("point", "spot", "directional", "area", "sky", "image_sky")
 POSITIONS = {"cameras": ("origin", "target"), "lights": ("position",)}
+Model = TypeVar("Model", bound=config.Frozen)
 MAX_DEPTH = 12
 MAX_MESSAGES = 12
 KNOWN_KEYS = sorted(
@@ -88,8 +89,8 @@ def _names(raw: Mapping[str, Any]) -> Iterator[str]:
                 yield f"{table}.{clean(name)}: a name needs 1 to {MAX_NAME} printable characters, no < > or quotes"
 
 
-def validate(raw: Mapping[str, Any], source: str) -> SceneSettings:
-    """Typed settings. Raises one InputError that names `source` and the dotted path of each offending key.
+def validate(raw: Mapping[str, Any], source: str, model: type[Model]) -> Model:
+    """Settings typed by `model`. Raises one InputError that names `source` and the dotted path of each offending key.
 
     Validation goes through JSON, where pydantic's strict mode takes lists for tuples but no text for numbers: the same
     judgement as the published JSON Schema.
@@ -97,7 +98,7 @@ def validate(raw: Mapping[str, Any], source: str) -> SceneSettings:
     messages = list(_names(raw))
     try:
         text = json.dumps(raw, default=str)
-        settings = SceneSettings.model_validate_json(text, strict=True)
+        settings = model.model_validate_json(text, strict=True)
     except ValidationError as error:
         messages += [_message(e) for e in error.errors(include_url=False)]  # type: ignore[arg-type, unused-ignore]
     except (ValueError, RecursionError) as error:
@@ -114,4 +115,4 @@ def settle(document: Document, overrides: Mapping[str, Any]) -> SceneSettings:
     unit = overrides.get("unit_m", raw.get("unit_m", 1.0))
     if document.own_units and isinstance(unit, int | float) and unit != 1.0:
         raw = in_metres(raw, float(unit))
-    return validate(merge(raw, overrides), str(document.source))
+    return validate(merge(raw, overrides), str(document.source), SceneSettings)

@@ -16,6 +16,8 @@ from .document import Document
 from .images import MAX_TEXTURE_SIDE, read_picture, shrink
 from .paths import resolve_inside
 
+# What reflects more is clamped, and said. At 0.95 the truth's paths may still end by roulette, whose variance is unbounded
+# from 0.975 on; at 0.98 each would have to run for 456 bounces.
 MAX_ALBEDO = 0.95
 
 
@@ -45,6 +47,21 @@ def _texture(key: str, document: Document, where: str) -> tuple[F32, list[str]]:
     return shrink(image, MAX_TEXTURE_SIDE, MAX_TEXTURE_SIDE), notes
 
 
+def _emission_texture(settings: MaterialSettings, document: Document, where: str) -> tuple[F32 | None, list[str]]:
+    """(H, W, 3) f32 factor of the emission, None where it changes nothing, and notes. Raises InputError."""
+    key = settings.emission_texture
+    if key is None:
+        return None, []
+    if not any(settings.emission):
+        return None, [f"{where}: {key}: emission is 0, so the picture has no effect"]
+    image = document.textures.get(key)
+    if image is None:
+        image = read_picture(resolve_inside(document.folder, key, where), where).rgb
+    if float(image.min()) < 0.0:
+        raise InputError(f"{where}: {key}: the picture holds negative radiance; repair it")
+    return shrink(image, MAX_TEXTURE_SIDE, MAX_TEXTURE_SIDE), []
+
+
 def masked(body: Mapping[str, Any], opacity: F32) -> dict[str, Any]:
     """Mitsuba's `mask` around a bsdf: a constant opacity as a number, a picture as "@opacity"."""
     value = float(opacity[0, 0]) if opacity.size == 1 else "@opacity"
@@ -61,6 +78,8 @@ def make_material(
     if settings.texture is not None:
         texture, notes = _texture(settings.texture, document, f"{where}.texture")
         albedo = texture.mean(axis=(0, 1), dtype=np.float64)
+    glow, more = _emission_texture(settings, document, f"{where}.emission_texture")
+    notes += more
     truth = document.truth_bsdfs.get(name)
     if overridden and truth is not None:
         truth = None
@@ -73,6 +92,7 @@ def make_material(
         passes_light=name in document.passes_light,
         truth_bsdf=truth,
         opacity=document.opacity.get(name),
+        emission_texture=glow,
     )
     return material, notes
 
@@ -92,4 +112,5 @@ def plain_twin(material: Material) -> Material:
     if truth is not None:
         truth = _without_pictures(truth, [float(x) for x in material.albedo], opacity)
     constant = None if material.opacity is None else np.full((1, 1), opacity, np.float32)
-    return replace(material, name=f"{material.name} (plain)", texture=None, truth_bsdf=truth, opacity=constant)
+    name = f"{material.name} (plain)"
+    return replace(material, name=name, texture=None, truth_bsdf=truth, opacity=constant, emission_texture=None)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenEXR
 from PIL import Image
 
 SQUARE = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)]
@@ -38,6 +39,12 @@ def ply_text(vertices: list[Any], faces: list[Any], uvs: bool = False) -> str:
     return "\n".join([*head, *rows, *(" ".join(str(x) for x in (len(f), *f)) for f in faces)]) + "\n"
 
 
+def ply_of(vertices: Any, faces: Any) -> str:
+    """ASCII PLY of arrays, every digit kept."""
+    text = ply_text([[repr(float(x)) for x in v] for v in vertices], [[int(i) for i in f] for f in faces])
+    return text.replace("property float", "property double")
+
+
 def write_toml(folder: Path, text: str = TOML, ply: str | None = None) -> Path:
     (folder / "wall.ply").write_text(ply if ply is not None else ply_text(SQUARE, [(0, 1, 2, 3)]))
     (folder / "scene.toml").write_text(text)
@@ -54,6 +61,13 @@ def write_xml(folder: Path, body: str, version: str = "3.0.0") -> Path:
 def write_picture(path: Path, rgba: Any) -> None:
     """8-bit PNG of an (H, W, 3 or 4) array."""
     Image.fromarray(np.asarray(rgba, np.uint8)).save(path)
+
+
+def write_exr(path: Path, image: Any) -> None:
+    """OpenEXR of an (H, W, 3) array, single precision."""
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, {"RGB": np.asarray(image, np.float32)}) as file:
+        file.write(str(path))
 
 
 def gltf_tree(**changes: Any) -> tuple[dict[str, Any], bytes]:

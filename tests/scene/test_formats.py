@@ -210,7 +210,9 @@ def test_gltf_mirrored_node_keeps_its_front(tmp_path: Path) -> None:
 def test_gltf_alpha(tmp_path: Path, mode: str, alpha: float, passes: bool) -> None:
     tree, blob = gltf_tree()
     pbr = {"baseColorFactor": [0.5, 0.5, 0.5, alpha], "metallicFactor": 0}
-    tree["materials"] = [{"alphaMode": mode, "emissiveFactor": [1, 1, 1], "pbrMetallicRoughness": pbr}]
+    tree["materials"] = [{"alphaMode": mode, "emissiveFactor": [1, 1, 1], "pbrMetallicRoughness": pbr}, {}]
+    wall = {"attributes": {"POSITION": 0}, "indices": 2, "material": 1}
+    tree["meshes"][0]["primitives"].append(wall)  # a scene of glass alone is refused
     material = load_scene(write_glb(tmp_path, tree, blob)).materials[0]
     assert material.opacity is not None and material.truth_bsdf is not None
     expected = 0.0 if mode == "MASK" else alpha

@@ -11,8 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lightgauge.reference.config import DirectionalLight, Light
 from lightgauge.reference.errors import InputError
 from lightgauge.reference.scene import load_scene
+from lightgauge.reference.scene.lights_file import load_lights
 from scene_files import SQUARE, TOML, gltf_tree, ply_text, write_glb, write_picture, write_toml, write_xml
 
 WORDS = [b"nan", b"-1", b"1e400", b"99999999999999999999", b"0", b"../x", b"[]", b"{}", b"null", b"true", b'""', b"$w"]
@@ -21,14 +23,17 @@ XML = """<sensor type="perspective"><float name="fov" value="40"/></sensor>
 <bsdf type="mask" id="a"><texture type="bitmap" name="opacity"><string name="filename" value="t.png"/></texture>
 <bsdf type="twosided"><bsdf type="roughplastic"><string name="int_ior" value="bk7"/></bsdf></bsdf></bsdf>
 <shape type="obj"><string name="filename" value="scene.obj"/><ref id="a"/><transform name="to_world">
-<rotate x="1" angle="30"/><scale value="2"/></transform></shape><emitter type="spot"/>
+<rotate x="1" angle="30"/><scale value="2"/></transform></shape>
+<emitter type="spot"><transform name="to_world"><translate z="3"/></transform></emitter>
+<shape type="rectangle"><emitter type="area"><texture type="bitmap" name="radiance">
+<string name="filename" value="t.png"/></texture></emitter></shape>
 <shape type="sphere"><float name="radius" value="0.5"/><emitter type="area"/></shape>"""
 OBJ = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nusemtl a\nf 1/1/1 2/1/1 3/1/1\nf -3 -1 -2\n"
 
 
 def _write(folder: Path, kind: str) -> Path:
     write_picture(folder / "t.png", np.full((2, 2, 4), 99))
-    (folder / "m.mtl").write_text("newmtl a\nKd 0.5 1 0.5\nmap_Kd t.png\nd 0.4\n")
+    (folder / "m.mtl").write_text("newmtl a\nKd 0.5 1 0.5\nmap_Kd t.png\nKe 2 1 0\nmap_Ke t.png\nd 0.6\n")
     (folder / "scene.obj").write_text(OBJ)
     (folder / "scene.ply").write_text(ply_text(SQUARE, [(0, 1, 2, 3)]))
     if kind == "glb":
@@ -67,3 +72,37 @@ def test_mutated_files(tmp_path: Path, kind: str) -> None:
             assert path.name in str(error) and str(error).isprintable()
             refused += 1
     assert refused > 20
+
+
+LIGHTS = b"""scene = "house"
+off = ["moon"]
+[lights.sun]
+direction = [0.3, -0.5, -1]
+irradiance = [1, 0.5, 0.2]
+[lights.sky]
+type = "image_sky"
+file = "t.png"
+scale = 2
+[lights.lamp]
+type = "area"
+mesh = "wall"
+radiance = [1, 1, 1]
+"""
+
+
+@pytest.mark.filterwarnings("error")
+def test_mutated_lights_files(tmp_path: Path) -> None:
+    write_picture(tmp_path / "t.png", np.full((2, 2, 4), 99))
+    sun = DirectionalLight(type="directional", direction=(0, -1, 0), irradiance=(1, 1, 1))
+    base: dict[str, Light] = {"sun": sun, "moon": sun}
+    path, rng, refused = tmp_path / "l.toml", random.Random(6), 0
+    path.write_bytes(LIGHTS)
+    assert list(load_lights(path, "house", base, ["wall"]).lights) == ["sun", "sky", "lamp"]
+    for _ in range(300):
+        path.write_bytes(_mutate(LIGHTS, rng))
+        try:
+            load_lights(path, "house", base, ["wall"])
+        except InputError as error:
+            assert path.name in str(error) and str(error).isprintable()
+            refused += 1
+    assert refused > 40

@@ -1,73 +1,22 @@
-"""Geometry checks on meshes small enough to know the answer, and pictures."""
+"""Small parts of the loaders with known answers: places, polygons, pictures, names."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
 import pytest
 from lightgauge.reference.errors import InputError
-from lightgauge.reference.scene.checks import is_closed, repeated_faces, tidy, weld
-from lightgauge.reference.scene.document import MeshArrays
+from lightgauge.reference.scene.checks import weld
 from lightgauge.reference.scene.images import decode_pillow, read_picture, read_sky, shrink
 from lightgauge.reference.scene.mtl import map_file
 from lightgauge.reference.scene.names import clean, unique
 from lightgauge.reference.scene.polygons import fan
-from lightgauge.reference.scene.primitives import cube, rectangle, sphere
-from scene_files import write_picture
-
-
-def closed(mesh: MeshArrays) -> bool:
-    return tidy(mesh, "x")[1]
-
-
-def test_closed() -> None:
-    """The cube has its own corners on every face, so welding is what closes it."""
-    box = cube()
-    assert closed(box) and closed(sphere()) and not closed(rectangle())
-    assert closed(MeshArrays(box.vertices, box.faces[:, ::-1].copy())), "a room: its inside is the front"
-    one = box.faces.copy()
-    one[3] = one[3, ::-1]
-    assert not closed(MeshArrays(box.vertices, one)), "one face turned, which trimesh calls watertight"
-    assert not closed(MeshArrays(box.vertices, box.faces[1:])), "a hole"
-
-
-def test_closed_after_repeated_and_degenerate_faces() -> None:
-    box = cube()
-    more = np.vstack([box.faces, np.roll(box.faces[:1], 1, axis=1), [[0, 0, 1]]]).astype(np.int32)
-    kept, whole, notes = tidy(MeshArrays(box.vertices, more), "m")
-    assert whole and np.array_equal(kept.faces, box.faces)
-    assert notes == ["m: dropped 1 degenerate of 14 triangles", "m: dropped 1 repeated of 14 triangles"]
-
-
-def test_back_to_back_faces_stay() -> None:
-    faces = np.array([[0, 1, 2], [2, 1, 0]], np.int32)
-    assert not repeated_faces(faces.astype(np.int64)).any() and is_closed(faces.astype(np.int64))
-
-
-@pytest.mark.parametrize(("thin", "kept"), [(1e-5, True), (1e-9, False), (0.0, False)])
-def test_slivers(thin: float, kept: bool) -> None:
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [0.5, thin, 0], [0, 1, 0]])
-    mesh = MeshArrays(vertices, np.array([[0, 1, 2], [0, 1, 3]], np.int32))
-    assert len(tidy(mesh, "x")[0].faces) == 1 + kept
-
-
-@pytest.mark.parametrize("size", [1e-4, 1.0, 1e4])
-def test_checks_do_not_depend_on_the_unit(size: float) -> None:
-    ball = sphere()
-    kept, whole, notes = tidy(MeshArrays(ball.vertices * size, ball.faces), "x")
-    assert whole and not notes and len(kept.faces) == len(ball.faces)
+from scene_files import write_exr, write_picture
 
 
 def test_weld_knows_minus_zero() -> None:
     assert weld(np.array([[0.0, 0, 0], [-0.0, 0, 0], [1, 0, 0]])).tolist() == [0, 0, 1]
-
-
-def test_unused_vertices_go() -> None:
-    square = rectangle()
-    far = MeshArrays(np.vstack([[[1e6, 0, 0]], square.vertices]), square.faces + 1)
-    assert tidy(far, "x")[0].vertices.max() == 1.0
 
 
 def test_fan() -> None:
@@ -90,12 +39,6 @@ def test_srgb_values(tmp_path: Path) -> None:
     assert picture.rgb[0, 0] == pytest.approx([0.0, 0.00303527, 0.5028865], abs=1e-6)
     assert picture.alpha is not None and picture.alpha[0, 0] == pytest.approx(64 / 255)
     assert decode_pillow(tmp_path / "a.png", "x", raw=True).rgb[0, 0, 2] == pytest.approx(188 / 255)
-
-
-def write_exr(path: Path, image: np.ndarray) -> None:
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, {"RGB": image.astype(np.float32)}) as file:
-        file.write(str(path))
 
 
 def test_exr(tmp_path: Path) -> None:
