@@ -1,7 +1,7 @@
-"""Radiosity: B = M + ρ (E_direct + F B), iterated to a residual, and the light that probes gather.
+"""Radiosity: B = M + ρ (E_direct + F B), solved to a residual, and the light that probes gather.
 
 What a receiver may see is B without the exitance of lights tagged `engine` (their direct light is the engine's), plus
-the sky if it is tagged `input`. Cohen and Greenberg 1985, "The hemi-cube", eq. 1, gathered by Jacobi iteration.
+the sky if it is tagged `input`. Cohen and Greenberg 1985, "The hemi-cube", eq. 1.
 """
 
 from __future__ import annotations
@@ -11,12 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..datatypes import F64, Scene
-from ..sky import SKY_BINS, bin_radiance
+from ..sky import SKY_BINS, bin_radiance, split_peaks
+from .form_factors import FormFactors
 from .gather import DeviceRows, gather
 from .patches import Patches
-
-MAX_ITERATIONS = 2000
-MAX_ALBEDO = 0.999
+from .solver_types import Method, device_system
+from .solvers import JACOBI
+from .solvers import solve as solve_system
+from .spectral import Spectrum, bounce_count, estimate_spectrum
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +29,7 @@ class Radiosity:
     light (P + SKY_BINS + 1, 3): what form-factor columns carry to a receiver (π L for sky bins, 0 for absorbed).
     iterations, residual: of the solver. energy_residual: |power in - power out| / power in, worst colour: in are
     exitance, direct light and sky, out is what patches absorb and what leaves through the sky or black backs.
+    spectral_radius: of ρ F, worst colour, as a bound from above. bounces: after so many at most the tolerance is left.
     """
 
     radiosity: F64
@@ -35,55 +38,60 @@ class Radiosity:
     iterations: int
     residual: float
     energy_residual: float
+    spectral_radius: float
+    bounces: int
 
 
-def solve(scene: Scene, p: Patches, rows: DeviceRows, direct: F64, tolerance: float) -> Radiosity:
-    """Iterate until the largest change is below `tolerance` × the largest source.
+def solve(
+    scene: Scene,
+    p: Patches,
+    rows: DeviceRows,
+    direct: F64,
+    tolerance: float,
+    method: Method = JACOBI,
+    host: FormFactors | None = None,
+    spectrum: Spectrum | None = None,
+) -> Radiosity:
+    """Solve until what is unshot is at most `tolerance` of the source in every colour; then one last gather.
 
-    direct: (P, 3) irradiance of engine lights. Raises ValueError if an albedo reaches 0.999 (the iteration would need
-    thousands of steps, failure-catalogue B1), or if MAX_ITERATIONS do not reach the tolerance.
+    direct: (P, 3) irradiance of engine lights. host: the rows again, for methods that walk single ones. spectrum: of an
+    earlier solution of the same bake; it does not depend on the lights. Raises ValueError if the spectral radius is not
+    under 0.999 (the light would need thousands of bounces, failure-catalogue B1), or if the tolerance is not reached.
     """
-    worst = float(p.albedo.max(initial=0.0))
-    if worst >= MAX_ALBEDO - 1e-9:  # patches hold rounded means
-        raise ValueError(
-            f"largest patch albedo must be under {MAX_ALBEDO} for the radiosity to converge, got {worst:.4f}"
-        )
     sky = np.pi * bin_radiance(scene.sky)
     engine_sky = scene.sky is not None and scene.sky.engine_lit
-    b = p.exitance + p.albedo * direct
-    scale = max(float((p.exitance + direct).max(initial=0.0)), float(sky.max(initial=0.0)), 1e-30)
-    residual, iterations, incident = np.inf, 0, direct
-    while residual > tolerance and iterations < MAX_ITERATIONS:
-        gathered = gather(rows, np.concatenate([b, sky, np.zeros((1, 3))]))[:, 0].astype(np.float64)
-        incident = direct + gathered
-        updated = p.exitance + p.albedo * incident
-        residual = float(np.abs(updated - b).max(initial=0.0)) / scale
-        b, iterations = updated, iterations + 1
-    if residual > tolerance:
-        raise ValueError(
-            f"radiosity.tolerance {tolerance:g} not reached in {MAX_ITERATIONS} iterations (residual {residual:.2g}): the "
-            f"largest albedo, {worst:.4f}, is too high for a scene this closed"
-        )
+    smooth = None if scene.sky is None else split_peaks(scene.sky)[0]  # its peaks are direct light already
+    from_sky = _gathered(rows, np.zeros((p.count, 3)), np.pi * bin_radiance(smooth))
+    system = device_system(rows, p.albedo, p.exitance + p.albedo * (direct + from_sky), p.area, host)
+    spectrum = spectrum or estimate_spectrum(system)
+    solution = solve_system(system, method, tolerance, spectrum=spectrum)
+    incident = direct + from_sky + system.product(solution.radiosity)
+    b = p.exitance + p.albedo * incident  # one bounce more, so that radiosity and irradiance belong together
     seen_sky = np.zeros_like(sky) if engine_sky else sky
     return Radiosity(
         radiosity=b,
         irradiance=incident,
         light=np.concatenate([b, seen_sky, np.zeros((1, 3))]),
-        iterations=iterations,
-        residual=residual,
-        energy_residual=_energy_residual(p, rows, b, direct, sky),
+        iterations=solution.iterations,
+        residual=solution.residual,
+        energy_residual=_energy_residual(p, rows, b, p.exitance + direct + from_sky),
+        spectral_radius=spectrum.upper,
+        bounces=bounce_count(spectrum.upper, tolerance),
     )
 
 
-def _energy_residual(p: Patches, rows: DeviceRows, b: F64, direct: F64, sky: F64) -> float:
+def _gathered(rows: DeviceRows, from_patches: F64, from_sky: F64) -> F64:
+    """Irradiance (P, 3), W·m⁻², from radiosity (P, 3) and π × the radiance of the sky's bins (SKY_BINS, 3)."""
+    return gather(rows, np.concatenate([from_patches, from_sky, np.zeros((1, 3))]))[:, 0].astype(np.float64)
+
+
+def _energy_residual(p: Patches, rows: DeviceRows, b: F64, entering: F64) -> float:
     """Energy balance. With B = M + ρH and rows that sum to one, in - out = Σ A B (1 - escaping) - Σ A (F B): the power
-    patches send to patches less the power they gather from them, which only reciprocal form factors make equal."""
-    empty = np.zeros((p.count, 3))
-    nothing = np.zeros((SKY_BINS + 1, 3))
-    gathered = p.area @ gather(rows, np.concatenate([b, nothing]))[:, 0].astype(np.float64)
-    kept = gather(rows, np.concatenate([np.ones((p.count, 3)), nothing]))[:, 0].astype(np.float64)
-    sent = p.area @ (b * kept)
-    from_sky = gather(rows, np.concatenate([empty, sky, np.zeros((1, 3))]))[:, 0].astype(np.float64)
-    power_in = p.area @ (p.exitance + direct + from_sky)
+    patches send to patches less the power they gather from them, which only reciprocal form factors make equal.
+    entering: (P, 3) W·m⁻², exitance, direct light and sky."""
+    dark = np.zeros((SKY_BINS, 3))
+    gathered = p.area @ _gathered(rows, b, dark)
+    sent = p.area @ (b * _gathered(rows, np.ones((p.count, 3)), dark))
+    power_in = p.area @ entering
     lit = power_in > 0.0
     return float((np.abs(sent - gathered)[lit] / power_in[lit]).max(initial=0.0))
