@@ -10,7 +10,7 @@ import json
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 Vec3 = tuple[float, float, float]
 Unit = Annotated[float, Field(ge=0.0, lt=1.0)]
@@ -22,6 +22,14 @@ Tag = Literal["engine", "input"]
 BLACK: Colour = (0.0, 0.0, 0.0)
 
 
+def _power_of_two(value: int) -> int:
+    if value & (value - 1):
+        raise ValueError(
+            f"must be a power of two, as {1 << (value.bit_length() - 1)} or {1 << value.bit_length()}, got {value}"
+        )
+    return value
+
+
 class Frozen(BaseModel):
     """Base of all settings: immutable, no unknown keys, no NaN or infinity."""
 
@@ -29,22 +37,28 @@ class Frozen(BaseModel):
 
 
 class MaterialSettings(Frozen):
-    """Diffuse material. `texture` replaces `albedo`; `emission` is radiance, W·m⁻²·sr⁻¹, always input to the radiosity."""
+    """Diffuse material. `texture` replaces `albedo`; `emission` is radiance, W·m⁻²·sr⁻¹, always input to the radiosity.
+
+    emission_texture: picture whose linear RGB × `emission` is the emitted radiance; with `emission` 0 it is off.
+    """
 
     albedo: Albedo = (0.5, 0.5, 0.5)
     texture: str | None = None
     emission: Colour = BLACK
+    emission_texture: str | None = None
     two_sided: bool = False
 
 
 class MeshSettings(Frozen):
-    """One mesh. `probe_size` is the voxel size, m, its surface asks for; without it `placement.min_voxel` holds."""
+    """One mesh. `probe_size` is the voxel size, m, its surface asks for; without it `placement.min_voxel` holds.
+    `lumel_size`: edge, m, of the lumels that a bake keeps for it; without it there are none."""
 
     file: str | None = None
     material: str
     role: Literal["static", "moving"] = "static"
     lit_by: Literal["probes", "lightmap"] = "probes"
     probe_size: Positive | None = None
+    lumel_size: Positive | None = None
 
 
 def _non_zero(name: str, v: Vec3) -> None:
@@ -146,6 +160,14 @@ class VolumeSettings(BoxSettings):
     probe_size: Positive | None = None
 
 
+class CubemapSettings(Frozen):
+    """Cubemap of indirect radiance that a bake keeps: `size` texels an edge, `rays` per texel (a power of two)."""
+
+    position: Vec3
+    size: Annotated[int, Field(ge=1, le=256)] = 16
+    rays: Annotated[int, Field(ge=64, le=4096), AfterValidator(_power_of_two)] = 64
+
+
 class CameraSettings(Frozen):
     """Pinhole camera. `fov_deg` is the full horizontal angle."""
 
@@ -175,7 +197,8 @@ class PlacementSettings(Frozen):
     min_voxel: finest voxel size, m; without it the longest side of the scene / 64.
     threshold: a voxel is close to surfaces if a corner's harmonic mean distance is under this many of its sizes.
     rays: Fibonacci directions per corner.
-    probe_rays: rays for the form factors of one real probe.
+    probe_rays: rays for the form factors of one real probe at most, a power of two. probe_noise: relative
+    standard error of the light that probes gather, root mean square, at which they need no more of them.
     backface_tolerance: share of back-face hits above which a probe is invalid.
     max_probes: refused above this many real probes.
     """
@@ -183,7 +206,8 @@ class PlacementSettings(Frozen):
     min_voxel: Positive | None = None
     threshold: Positive = 2.0
     rays: Annotated[int, Field(ge=16, le=4096)] = 64
-    probe_rays: Annotated[int, Field(ge=16, le=65536)] = 512
+    probe_rays: Annotated[int, Field(ge=64, le=65536), AfterValidator(_power_of_two)] = 4096
+    probe_noise: Positive = 0.02
     backface_tolerance: Annotated[float, Field(ge=0.0, le=1.0)] = 0.1
     max_probes: Annotated[int, Field(ge=8)] = 400_000
 
@@ -192,12 +216,19 @@ class RadiositySettings(Frozen):
     """Patches and radiosity.
 
     patch_size: target edge of a patch, m; without it chosen so that the scene has about 2,500 patches.
-    rays: cosine-distributed rays per patch. shadow_rays: samples per patch for direct light.
+    patch_error: patches within which the light varies by more than this share of the mean light are cut in four, up to
+    three times; without it none is.
+    rays: cosine-distributed rays per patch at most, a power of two. noise: relative standard error of the light that patches
+    gather, root mean square, at which they need no more of them; under 1e-3 closed forms replace rays where provably
+    nothing is in the way.
+    shadow_rays: samples per patch for direct light.
     tolerance: residual, relative to the emitted plus direct light, at which the iteration stops.
     """
 
     patch_size: Positive | None = None
-    rays: Annotated[int, Field(ge=16, le=1_048_576)] = 1024
+    patch_error: Positive | None = None
+    rays: Annotated[int, Field(ge=64, le=1_048_576), AfterValidator(_power_of_two)] = 4096
+    noise: Positive = 0.02
     shadow_rays: Annotated[int, Field(ge=1, le=4096)] = 64
     tolerance: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-5
 
@@ -241,6 +272,7 @@ class SceneSettings(Frozen):
     meshes: dict[str, MeshSettings]
     lights: dict[str, Light] = {}
     volumes: dict[str, VolumeSettings] = {}
+    cubemaps: dict[str, CubemapSettings] = {}
     cameras: dict[str, CameraSettings] = {}
     placement: PlacementSettings = PlacementSettings()
     radiosity: RadiositySettings = RadiositySettings()

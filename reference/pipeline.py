@@ -16,26 +16,45 @@ from .placement.octree import build_octree, uniform_octree
 from .placement.voxel_bitmap import build_bitmap
 from .progress import Progress, silent
 from .sh import basis
-from .transport.direct import arriving, direct_on_patches, punctual_irradiance, punctual_lights, visible
-from .transport.form_factors import FormFactors, patch_form_factors, point_form_factors, probe_form_factors
+from .sky import SKY_BINS, bin_radiance, split_peaks
+from .transport.adaptive import LEAST, Allocation, Pilot, allocate, pilot_matrix, trace_pilot
+from .transport.direct import arriving, punctual_irradiance, punctual_lights, visible
+from .transport.form_factors import FormFactors, form_factors, patch_form_factors, point_form_factors
 from .transport.gather import DeviceRows, gather, upload
+from .transport.hybrid import hybrid_form_factors
+from .transport.lumels import Lumels, build_lumels, lumel_receivers
+from .transport.patch_light import direct_on_patches
 from .transport.patches import Patches, auto_patch_size, build_patches
 from .transport.radiosity import Radiosity, solve
+from .transport.receivers import Receivers, patch_receivers, probe_receivers, texel_receivers
+from .transport.reconcile import Reconciled, reconcile
+from .transport.subdivide import subdivided_patches
 from .visibility import Geometry, build_geometry
 from .volume.indirection import build_indirection
 from .volume.layout import TileLayout, build_layout
 from .volume.tiles import fill_tiles, probe_texels
 
+PILOT_SHADOW_RAYS, PILOT_BOUNCES = 16, 8
+LEAST_PROBE_RAYS = 128  # for their validity and direction, which the mean light does not show
+CLOSED_FORMS_BELOW = 1e-3  # radiosity.noise: rays alone would need millions for less
+
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """The patch half of a bake: what placement does not change."""
+    """The patch half of a bake: what placement does not change.
+
+    rows: reciprocal, closed form factors of the patches; laws: what reconciling them changed. guess: (columns,) mean
+    colour of the light that a pilot finds on patches and sky; it decides where rays go, not what they find.
+    """
 
     geometry: Geometry
     patches: Patches
     patch_size: float
     rows: FormFactors
+    laws: Reconciled
     device_rows: DeviceRows
+    guess: F64
+    allocation: Allocation
     seconds: Mapping[str, float]
 
 
@@ -46,6 +65,7 @@ class Probes:
     octree: Octree
     rows: FormFactors
     device_rows: DeviceRows
+    allocation: Allocation
     valid: Bool
     layout: TileLayout
     indirection: Indirection
@@ -77,16 +97,69 @@ class Clock:
 
 
 def bake_surfaces(scene: Scene, seed: int, progress: Progress = silent) -> Surfaces:
-    """Geometry, patches and patch form factors."""
+    """Geometry, patches and patch form factors.
+
+    Raises InputError where the albedo is too high to converge, or too many patches are asked for as a reference.
+    """
     clock = Clock()
     geometry = build_geometry(scene)
     settings = scene.settings.radiosity
     size = settings.patch_size or auto_patch_size(geometry)
-    patches = build_patches(scene, geometry, size)
+    patches = _patches(scene, geometry, size, seed)
     clock.lap("patches")
-    rows = patch_form_factors(geometry, patches, settings.rays, seed, progress)
+    pilot = trace_pilot(geometry, patches, patch_receivers(geometry, patches), seed)
+    guess = guess_light(scene, patches, pilot, _pilot_direct(scene, geometry, patches, seed))
+    allocation = allocate(pilot, guess, patches.area, settings.noise, settings.rays)
+    clock.lap("pilot")
+    raw = patch_form_factors(geometry, patches, allocation.rays, seed, progress)
+    if settings.noise < CLOSED_FORMS_BELOW:
+        try:
+            laws = hybrid_form_factors(geometry, patches, raw, settings.noise, seed, progress).laws
+        except ValueError as error:
+            raise InputError(f"scene '{scene.name}': {error}") from error
+    else:
+        laws = reconcile(raw, patches.area)
     clock.lap("patch_form_factors")
-    return Surfaces(geometry, patches, size, rows, upload(rows), clock.seconds)
+    rows = upload(laws.rows)
+    return Surfaces(geometry, patches, size, laws.rows, laws, rows, guess, allocation, clock.seconds)
+
+
+def _patches(scene: Scene, g: Geometry, size: float, seed: int) -> Patches:
+    """Patches of the wanted size, cut further where their light varies if the scene asks for that."""
+    tolerance = scene.settings.radiosity.patch_error
+    if tolerance is None:
+        return build_patches(scene, g, size)
+
+    def direct(p: Patches) -> F64:
+        return _pilot_direct(scene, g, p, seed)
+
+    def guess(p: Patches) -> F64:
+        return guess_light(scene, p, trace_pilot(g, p, patch_receivers(g, p), seed), direct(p))
+
+    return subdivided_patches(scene, g, size, tolerance, seed, guess, lambda p: direct(p).mean(axis=1))
+
+
+def _pilot_direct(scene: Scene, g: Geometry, p: Patches, seed: int) -> F64:
+    return direct_on_patches(scene, g, p, PILOT_SHADOW_RAYS, seed + 11, silent)
+
+
+def guess_light(scene: Scene, p: Patches, pilot: Pilot, direct: F64) -> F64:
+    """Mean colour (columns,) of the light on patches and sky, from the pilot's rays and direct light (P, 3): good enough to
+    say where more rays are needed."""
+    matrix = pilot_matrix(pilot, p.count + SKY_BINS + 1)
+    sky = np.pi * bin_radiance(None if scene.sky is None else split_peaks(scene.sky)[0])
+    b = p.exitance + p.albedo * direct
+    for _ in range(PILOT_BOUNCES):
+        b = p.exitance + p.albedo * (direct + matrix @ np.concatenate([b, sky, np.zeros((1, 3))]))
+    return np.concatenate([b, sky, np.zeros((1, 3))]).mean(axis=1)
+
+
+def _solved(scene: Scene, p: Patches, rows: DeviceRows, direct: F64, tolerance: float) -> Radiosity:
+    """The radiosity. Raises InputError where the albedo is too high to converge."""
+    try:
+        return solve(scene, p, rows, direct, tolerance)
+    except ValueError as error:
+        raise InputError(f"scene '{scene.name}': {error}") from error
 
 
 def place(scene: Scene, surfaces: Surfaces, seed: int) -> Octree:
@@ -121,7 +194,11 @@ def bake_probes(scene: Scene, surfaces: Surfaces, octree: Octree, seed: int, pro
     """
     clock = Clock()
     s = scene.settings.placement
-    rows = probe_form_factors(surfaces.geometry, surfaces.patches, octree.positions, s.probe_rays, seed + 3, progress)
+    receivers = probe_receivers(surfaces.geometry, octree.positions)
+    allocation = allocated(surfaces, receivers, s.probe_noise, s.probe_rays, seed + 3, LEAST_PROBE_RAYS)
+    rows = form_factors(
+        surfaces.geometry, surfaces.patches, receivers, allocation.rays, seed + 3, progress, "form factors of probes"
+    )
     valid = rows.back_share <= s.backface_tolerance
     clock.lap("probe_form_factors")
     if not valid.any():
@@ -132,7 +209,40 @@ def bake_probes(scene: Scene, surfaces: Surfaces, octree: Octree, seed: int, pro
     layout = build_layout(octree)
     indirection = build_indirection(layout)
     clock.lap("virtual_texture")
-    return Probes(octree, rows, upload(rows), valid, layout, indirection, clock.seconds)
+    return Probes(octree, rows, upload(rows), allocation, valid, layout, indirection, clock.seconds)
+
+
+def allocated(
+    surfaces: Surfaces, receivers: Receivers, noise: float, most: int, seed: int, least: int = LEAST
+) -> Allocation:
+    """Rays of receivers other than patches, for the light that the surfaces' pilot found."""
+    pilot = trace_pilot(surfaces.geometry, surfaces.patches, receivers, seed)
+    return allocate(pilot, surfaces.guess, np.ones(receivers.count), noise, most, least)
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceReceivers:
+    """What else a bake keeps: lumels with their rows, and the rows of each cubemap's texels by name."""
+
+    lumels: Lumels
+    lumel_rows: FormFactors
+    cubemap_rows: Mapping[str, FormFactors]
+
+
+def bake_receivers(scene: Scene, surfaces: Surfaces, seed: int, progress: Progress = silent) -> SurfaceReceivers:
+    """Form factors of lumels and cubemap texels."""
+    g, p, s = surfaces.geometry, surfaces.patches, scene.settings.radiosity
+    lumels = build_lumels(scene, g)
+    receivers = lumel_receivers(g, lumels)
+    rays = allocated(surfaces, receivers, s.noise, s.rays, seed + 17).rays
+    lumel_rows = form_factors(g, p, receivers, rays, seed + 17, progress, "form factors of lumels")
+    cubemaps = {
+        name: form_factors(
+            g, p, texel_receivers(g, np.array([c.position]), c.size), c.rays, seed + 19, progress, f"cubemap {name}"
+        )
+        for name, c in scene.settings.cubemaps.items()
+    }
+    return SurfaceReceivers(lumels, lumel_rows, cubemaps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,10 +265,7 @@ def light_patches(scene: Scene, surfaces: Surfaces, seed: int, progress: Progres
         scene, surfaces.geometry, surfaces.patches, s.shadow_rays, seed, progress, surfaces.device_rows
     )
     clock.lap("direct_light")
-    try:
-        radiosity = solve(scene, surfaces.patches, surfaces.device_rows, direct, s.tolerance)
-    except ValueError as error:
-        raise InputError(f"scene '{scene.name}': {error}") from error
+    radiosity = _solved(scene, surfaces.patches, surfaces.device_rows, direct, s.tolerance)
     clock.lap("radiosity")
     return PatchLight(direct, radiosity, clock.seconds)
 

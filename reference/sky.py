@@ -6,13 +6,16 @@ factors to them do not depend on the lighting.
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .datatypes import F64, I32, Sky
 
+PEAK = 4.0  # times the sky's mean luminance
 BINS_PER_EDGE = 8
 SKY_BINS = 6 * BINS_PER_EDGE**2
 MIN_COLUMNS = 512  # of the grid that integrates a bin
@@ -40,6 +43,57 @@ def sky_radiance(sky: Sky, directions: npt.NDArray[np.floating]) -> F64:
     return np.asarray(top * (1 - fv) + bottom * fv, dtype=np.float64)
 
 
+def split_peaks(sky: Sky) -> tuple[Sky, Sky | None]:
+    """The sky without what exceeds PEAK × its mean, and that excess by itself (None if there is none): a sun of few texels is
+    too small for the bins' shadows, and is sampled by importance instead."""
+    weight = _row_weights(sky)[:, None] / sky.image.shape[1]
+    luminance = sky.image.mean(axis=2)
+    limit = PEAK * float((weight * luminance).sum())
+    above = luminance > limit  # nowhere in a black sky
+    if not above.any():
+        return sky, None
+    share = np.where(above, limit / np.where(above, luminance, 1.0), 1.0)[..., None].astype(np.float32)
+    smooth = sky.image * share
+    return dataclasses.replace(sky, image=smooth), dataclasses.replace(sky, image=sky.image - smooth)
+
+
+def _row_weights(sky: Sky) -> F64:
+    """Share of the sphere that each row of texels stands for, (H,), sum 1. First and last row lie at the poles."""
+    height = sky.image.shape[0]
+    if height == 1:
+        return np.ones(1)
+    edges = np.clip((np.arange(height + 1) - 0.5) / (height - 1), 0.0, 1.0) * math.pi
+    return np.asarray(np.diff(-np.cos(edges)) / 2.0)
+
+
+def sample_sky(sky: Sky, xi: npt.NDArray[np.floating]) -> tuple[F64, F64]:
+    """Directions (N, 3) towards the sky from uniform `xi` (N, 2), and their density (N,), sr⁻¹.
+
+    Density follows the mean luminance of the four texels that a cell of bilinear reading lies between, so it is zero only
+    where the sky is black (Pharr, Jakob and Humphreys 2016, "Physically Based Rendering", 14.2.4).
+    """
+    luminance = sky.image.mean(axis=2).astype(np.float64)
+    height, width = luminance.shape
+    fine = height - 1 if height > 1 else 1
+    theta_edges = np.arange(fine + 1) / fine * math.pi
+    cell = 0.25 * (luminance + np.roll(luminance, -1, axis=1))
+    cell = cell[:-1] + cell[1:] if height > 1 else 2.0 * cell
+    mass = cell * (-np.diff(np.cos(theta_edges)))[:, None] * (2.0 * math.pi / width)
+    upto = np.cumsum(mass.ravel())
+    target = xi[:, 0].astype(np.float64) * upto[-1]
+    pick = np.minimum(np.searchsorted(upto, target, side="right"), len(upto) - 1)
+    row, column = pick // width, pick % width
+    within = np.clip((target - (upto[pick] - mass.ravel()[pick])) / mass.ravel()[pick], 0.0, 1.0)
+    phi = (column + 0.5 + within) / width * 2.0 * math.pi
+    low, high = np.cos(theta_edges[row]), np.cos(theta_edges[row + 1])
+    y = low + xi[:, 1] * (high - low)
+    r = np.sqrt(np.maximum(0.0, 1.0 - y * y))
+    x, z = r * np.sin(phi), -r * np.cos(phi)
+    a = math.radians(sky.rotation_deg)
+    turned = np.stack([math.cos(a) * x + math.sin(a) * z, y, -math.sin(a) * x + math.cos(a) * z], axis=1)
+    return turned, cell.ravel()[pick] / upto[-1]
+
+
 def bin_of(directions: npt.NDArray[np.floating]) -> I32:
     """Bin number (N,) i32 of `directions` (N, 3), any length but zero."""
     d = np.asarray(directions, dtype=np.float32)
@@ -50,6 +104,26 @@ def bin_of(directions: npt.NDArray[np.floating]) -> I32:
     cell = np.clip(((uv * 0.5 + 0.5) * BINS_PER_EDGE).astype(np.int32), 0, BINS_PER_EDGE - 1)
     face = 2 * axis + (major < 0)
     return np.asarray((face * BINS_PER_EDGE + cell[:, 0]) * BINS_PER_EDGE + cell[:, 1], dtype=np.int32)
+
+
+def device_bin(direction: Any) -> Any:
+    """Bin number (mi.UInt32) of mi.Vector3f directions: `bin_of` inside a kernel."""
+    import drjit as dr
+    import mitsuba as mi
+
+    size = dr.abs(direction)
+    on_x = (size.x >= size.y) & (size.x >= size.z)
+    on_y = ~on_x & (size.y >= size.z)
+    axis = dr.select(on_x, mi.UInt32(0), dr.select(on_y, mi.UInt32(1), mi.UInt32(2)))
+    major = dr.select(on_x, direction.x, dr.select(on_y, direction.y, direction.z))
+    u = dr.select(on_x, direction.y, dr.select(on_y, direction.z, direction.x))
+    v = dr.select(on_x, direction.z, dr.select(on_y, direction.x, direction.y))
+
+    def cell(w: Any) -> Any:
+        return mi.UInt32(dr.clip((w / dr.abs(major) * 0.5 + 0.5) * BINS_PER_EDGE, 0, BINS_PER_EDGE - 1))
+
+    face = 2 * axis + dr.select(major < 0, mi.UInt32(1), mi.UInt32(0))
+    return (face * BINS_PER_EDGE + cell(u)) * BINS_PER_EDGE + cell(v)
 
 
 def bin_radiance(sky: Sky | None) -> F64:

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .datatypes import F32, F64, I32, Bool, Mesh, Scene
+from .device_arrays import to_f32
 from .variant import ensure_variant
 
 # Origins are lifted off their surface by this share of the unit box: 16 ulp of float32 at 1.
@@ -116,7 +117,7 @@ def build_geometry(scene: Scene, moving: bool = False) -> Geometry:
     mesh = mitsuba_mesh("static", (vertices - centre) / scale, faces)
     caster = mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
     back = (~two_sided | closed)[owner]
-    device_normals = mi.Float(np.ascontiguousarray(normals, dtype=np.float32).ravel())
+    device_normals = to_f32(normals)
     return Geometry(
         vertices, faces, normals, areas, owner, back, two_sided[owner], centre, scale, caster, device_normals
     )
@@ -172,11 +173,12 @@ def to_box(g: Geometry, points: npt.NDArray[np.floating], normals: npt.NDArray[n
     p = (np.asarray(points, dtype=np.float64) - g.centre) / g.scale
     if normals is not None:
         p = p + LIFT * normals
-    return mi.Point3f(np.ascontiguousarray(p.T, dtype=np.float32))
+    return mi.Point3f(*(to_f32(p[:, axis]) for axis in range(3)))
 
 
 def vectors(directions: npt.NDArray[np.floating]) -> Any:
     """Directions (N, 3) as mi.Vector3f."""
     import mitsuba as mi
 
-    return mi.Vector3f(np.ascontiguousarray(np.asarray(directions).T, dtype=np.float32))
+    d = np.asarray(directions)
+    return mi.Vector3f(*(to_f32(d[:, axis]) for axis in range(3)))

@@ -41,7 +41,7 @@ tree_b_trunk = { file = "tree_b_trunk.ply", material = "bark", probe_size = 2.0 
 tree_b_crown = { file = "tree_b_crown.ply", material = "leaves", probe_size = 2.0 }
 house_walls = { file = "house_walls.ply", material = "plaster", probe_size = 0.25 }
 house_roof = { file = "house_roof.ply", material = "tiles", probe_size = 0.25 }
-house_floor = { file = "house_floor.ply", material = "wood", probe_size = 0.25 }
+house_floor = { file = "house_floor.ply", material = "wood", probe_size = 0.25, lumel_size = 0.5 }
 house_partition = { file = "house_partition.ply", material = "teal", probe_size = 0.25 }
 
 [lights]
@@ -52,21 +52,35 @@ sky = { type = "sky", radiance = [0.28, 0.36, 0.5], tag = "input" }
 walkable = { min = [-19.0, -1.0, -19.0], max = [19.0, 2.0, 19.0], probe_size = 2.0 }
 indoors = { min = [-3.6, 0.3, -2.6], max = [3.6, 2.5, 2.6], probe_size = 0.5 }
 
+[cubemaps]
+indoors = { position = [0.4, 1.5, 0.3], size = 16 }
+
 [cameras]
 outside = { origin = [11.0, 4.5, 15.0], target = [0.8, 1.6, 0.0], fov_deg = 62.0 }
 inside = { origin = [-3.4, 1.7, -2.3], target = [1.0, 1.0, 1.2], fov_deg = 85.0 }
 
 [placement]
 min_voxel = 0.25
-probe_rays = 256
+probe_noise = 0.04
 
 [radiosity]
 patch_size = 1.1
-rays = 512
 
 [truth]
 noise = 0.04
 points = 1000
+"""
+
+EVENING = """
+# Other light for the baked house: a low warm sun that shines in by the door and the windows, and a dim blue sky.
+scene = "house"
+
+[lights.sun]
+direction = [-0.55, -0.22, -0.8]
+irradiance = [1.9, 0.95, 0.4]
+
+[lights.sky]
+radiance = [0.05, 0.08, 0.16]
 """
 
 README = """
@@ -84,6 +98,8 @@ radiosity). Everything is static and lit by probes.
 - **Controls**: voxels of 2 m for the terrain, 1 m for `tree_a`, 2 m for `tree_b` (the talk: half the resolution for the right-hand
   tree), 0.25 m for the house; a walkable volume of 2 m over the terrain, up to y = 2 m (its lower part lies in the ground), and a
   volume of 0.5 m indoors.
+- **Bake**: `lightgauge bake house` also keeps lumels of 0.5 m on the floor and a cubemap in the larger room.
+- **Evening**: `evening.toml` is a lights file, other light for a bake of this scene: a low warm sun and a dim blue sky.
 - **Right answer**: the path-traced truth. Known beforehand: on open level ground the indirect irradiance is close to π × sky radiance,
   [0.88, 1.13, 1.57], times the visible share of the sky, plus a few percent from the hills; indoors it is an order of magnitude less.
 - **Tests**: adaptivity (one number hides the room: read indoors and outdoors apart), per-mesh resolution, foliage. By
@@ -176,4 +192,4 @@ def build() -> dict[str, bytes]:
     meshes = {"terrain": terrain()} | house()
     for name, settings in TREES.items():
         meshes[f"{name}_trunk"], meshes[f"{name}_crown"] = tree(*settings)
-    return bundle(TOML, README, meshes, wall=WALL, base=BASE)
+    return bundle(TOML, README, meshes, {"evening.toml": EVENING}, wall=WALL, base=BASE)

@@ -31,10 +31,12 @@ inside = { origin = [0.0, 0.1, 0.8], target = [0.0, 0.0, -1.0], fov_deg = 80.0 }
 
 [placement]
 min_voxel = 0.15
+probe_noise = 0.01
 
 [radiosity]
 patch_size = 0.2
-rays = 4096
+rays = 16384
+noise = 0.002
 
 [truth]
 noise = 0.04

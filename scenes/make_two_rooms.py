@@ -42,11 +42,10 @@ dark = { origin = [7.8, 1.5, 0.4], target = [4.2, 1.0, 2.2], fov_deg = 75.0 }
 [placement]
 # Walls are axis-aligned: leak-free needs voxels of at most the wall's thickness, $wall m (failure-catalogue C7).
 min_voxel = 0.18
-probe_rays = 256
+probe_noise = 0.01
 
 [radiosity]
 patch_size = 0.25
-rays = 512
 
 [truth]
 noise = 0.04

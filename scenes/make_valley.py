@@ -70,7 +70,6 @@ village = { origin = [-82.0, 9.0, -14.0], target = [0.0, 2.0, 16.0], fov_deg = 5
 
 [placement]
 min_voxel = 2.0
-probe_rays = 256
 
 [radiosity]
 patch_size = 14.0

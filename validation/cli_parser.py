@@ -11,6 +11,7 @@ EXIT_CODES = """exit codes:
   0 good   1 a gate or a scene failed   2 wrong use or bad input   3 the environment lacks something
   4 our own fault   130 stopped with Ctrl-C (finished work is kept)"""
 
+SCENE_HELP = "name under scenes/ or $LIGHTGAUGE_SCENES, or a path (scene.toml, .xml, .glb, .gltf, .obj, .ply)"
 EXAMPLES = {
     "doctor": "lightgauge doctor\nlightgauge doctor --json",
     "run": "lightgauge run cornell\n"
@@ -19,6 +20,16 @@ EXAMPLES = {
     "lightgauge run model.glb --set 'lights.sun.direction=[-0.4,-1,-0.3]'",
     "report": "lightgauge report\nlightgauge report --out /tmp/all --quiet",
     "chart": "lightgauge chart cornell\nlightgauge chart cornell --out /tmp/ch --json",
+    "bake": "lightgauge bake house --out house.bake\n"
+    "lightgauge bake house --out house.bake --set radiosity.noise=0.0005 --json",
+    "relight": "lightgauge relight house.bake --lights scenes/house/evening.toml --json\n"
+    "lightgauge relight house.bake --out noon.npz",
+    "formfactor": "lightgauge formfactor floor.ply ceiling.ply\n"
+    "lightgauge formfactor lamp.obj wall.ply --occluder shelf.ply --occluder door.obj --rays 4194304\n"
+    "lightgauge formfactor dome.ply dome.ply --json",
+    "bench": "lightgauge bench transport\n"
+    "lightgauge bench transport --json --out /tmp/bench\n"
+    "lightgauge bench transport --row rays_vs_embree_2k --row boxinbox_hybrid_rms",
     "gate": "lightgauge gate reports/latest\n"
     "lightgauge gate reports/run --scene cornell --scene sphere\n"
     "lightgauge gate /tmp/a --gates gates.toml --junit gate.xml --markdown gate.md",
@@ -49,6 +60,10 @@ def build_parser(version: str) -> argparse.ArgumentParser:
     _measuring(verbs, "run", "bake, update, sample, ground truth, metrics, pictures, page", "reports/run", scenes=True)
     _measuring(verbs, "report", "`run` over all bundled scenes", "reports/latest", scenes=False)
     _measuring(verbs, "chart", "speed against accuracy: many settings, the Pareto front", "reports/chart", scenes=True)
+    _bake(verbs)
+    _relight(verbs)
+    _formfactor(verbs)
+    _bench(verbs)
     _gate(verbs)
     return parser
 
@@ -78,8 +93,16 @@ def _measuring(verbs: Any, name: str, text: str, out: str, *, scenes: bool) -> N
     """A verb that bakes and measures: scenes in, results and a page out."""
     parser = _verb(verbs, name, text)
     if scenes:
-        help_text = "name under scenes/ or $LIGHTGAUGE_SCENES, or a path (scene.toml, .xml, .glb, .gltf, .obj, .ply)"
-        parser.add_argument("scene", nargs="+", metavar="SCENE", help=help_text)
+        parser.add_argument("scene", nargs="+", metavar="SCENE", help=SCENE_HELP)
+    _settings(parser)
+    parser.add_argument(
+        "--out", type=Path, default=Path(out), metavar="DIR", help=f"folder for page and results (default {out})"
+    )
+    _json(parser)
+    _quiet(parser)
+
+
+def _settings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", type=Path, metavar="FILE", help="TOML table laid over each scene's own settings")
     parser.add_argument(
         "--set",
@@ -90,11 +113,66 @@ def _measuring(verbs: Any, name: str, text: str, out: str, *, scenes: bool) -> N
         help="one setting, as in placement.min_voxel=0.25; after --config; repeatable",
     )
     parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="seed of all random numbers (default 0)")
+
+
+def _quiet(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--quiet", action="store_true", help="no progress on standard error")
+
+
+def _bake(verbs: Any) -> None:
+    parser = _verb(verbs, "bake", "all that does not depend on the lighting, into one checksummed file")
+    parser.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
+    _settings(parser)
+    parser.add_argument("--out", type=Path, metavar="FILE", help="the bake (default SCENE.bake in this folder)")
+    _json(parser)
+    _quiet(parser)
+
+
+def _relight(verbs: Any) -> None:
+    parser = _verb(verbs, "relight", "new lights through a bake: patches, probes, lumels and cubemaps")
+    parser.add_argument("bake", type=Path, metavar="BAKE", help="file that `lightgauge bake` wrote")
     parser.add_argument(
-        "--out", type=Path, default=Path(out), metavar="DIR", help=f"folder for page and results (default {out})"
+        "--lights", type=Path, metavar="FILE", help="TOML with `scene = NAME` and [lights] (default: the scene's own)"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="values as .npz (default BAKE with .npz for its suffix)"
     )
     _json(parser)
-    parser.add_argument("--quiet", action="store_true", help="no progress on standard error")
+
+
+def _formfactor(verbs: Any) -> None:
+    parser = _verb(verbs, "formfactor", "the form factor between two meshes, with its standard error")
+    parser.add_argument(
+        "emitter",
+        type=Path,
+        metavar="FROM",
+        help="mesh that emits, PLY or OBJ; its front is where corners run counter-clockwise",
+    )
+    parser.add_argument("receiver", type=Path, metavar="TO", help="mesh that receives, on its front")
+    parser.add_argument(
+        "--occluder",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="MESH",
+        help="stands between, opaque on both sides; repeatable",
+    )
+    parser.add_argument(
+        "--rays", type=int, default=1 << 20, metavar="N", help="rays for what has no closed form (default 1048576)"
+    )
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="seed of all random numbers (default 0)")
+    _json(parser)
+
+
+def _bench(verbs: Any) -> None:
+    parser = _verb(verbs, "bench", "speed and memory as ratios to peers and to the machine's limits")
+    parser.add_argument("name", nargs="*", metavar="NAME", help="bench: transport (default all)")
+    parser.add_argument(
+        "--row", action="append", default=[], metavar="NAME", help="measure only this row; repeatable (default all)"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="also write bench.json and the error-time curve here")
+    _json(parser)
+    _quiet(parser)
 
 
 def _gate(verbs: Any) -> None:

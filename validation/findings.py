@@ -183,7 +183,15 @@ def _expectations(
     """What the scene says of its right answer: dark boxes, closed forms, energy."""
     expect, patches = baked.scene.settings.expect, baked.surfaces.patches
     radiosity = baked.light.radiosity
-    _add(metrics, {"energy_residual": Measured(radiosity.energy_residual, 0.0, patches.count)})
+    laws = baked.surfaces.laws
+    defects = {
+        "energy_residual": radiosity.energy_residual,
+        "reciprocity_raw": laws.raw_reciprocity,
+        "reciprocity": laws.reciprocity,
+        "closure_averaged": laws.symmetric_closure,
+        "closure": laws.closure,
+    }
+    _add(metrics, {name: Measured(value, 0.0, patches.count) for name, value in defects.items()})
     if expect.closed_sphere:
         exact = closed_sphere_radiosity(patches.area, patches.albedo, patches.exitance)
         error = float((np.abs(radiosity.radiosity - exact) / exact).max())

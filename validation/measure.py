@@ -66,6 +66,12 @@ def _costs(baked: Baked, truth: GroundTruth, seconds: dict[str, float]) -> dict[
     cost["patch_update_ms"] = 1e3 * sum(light.seconds.values())
     cost["update_ms"] = cost["patch_update_ms"] + cost["probe_update_ms"]
     cost["radiosity_iterations"] = light.radiosity.iterations
+    cost["spectral_radius"] = light.radiosity.spectral_radius
+    cost["bounces"] = light.radiosity.bounces
+    for name, allocation in (("patch", surfaces.allocation), ("probe", baked.probes.allocation)):
+        cost[f"{name}_rays"] = allocation.spent
+        cost[f"{name}_rays_if_uniform"] = allocation.uniform
+        cost[f"{name}_noise"] = allocation.reached
     cost["truth_s"] = truth.seconds
     cost["truth_paths"] = sum(e.spp * e.irradiance.shape[1] for e in truth.estimates.values())
     cost["truth_depth"] = truth.depth

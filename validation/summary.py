@@ -102,3 +102,31 @@ def where(out: Path) -> str:
     """The line that says where the results lie."""
     page = out / "index.html"
     return f"page: {page}" if page.is_file() else f"results: {out / 'results.json'}"
+
+
+def bake_text(made: Mapping[str, Any]) -> str:
+    """What a bake holds and how far its form factors can be trusted."""
+    facts, receivers = made["facts"], made["receivers"]
+    rows = [["receivers", "number", "rms error of a row"]]
+    rows += [[plain(name), str(n), number(facts["rms_row_se"][name])] for name, n in receivers.items() if n]
+    lines = [
+        table(rows),
+        f"reciprocity defect {number(facts['reciprocity_raw'])} of the rays, {number(facts['reciprocity'])} kept; "
+        f"closure {number(facts['closure_averaged'])} averaged, {number(facts['closure'])} kept",
+        f"rays: {facts['patch_rays']:,} for patches ({facts['patch_rays_if_uniform']:,} if all had the same), "
+        f"{facts['probe_rays']:,} for probes ({facts['probe_rays_if_uniform']:,})",
+        f"spectral radius {number(facts['spectral_radius'])}: {facts['bounces']} bounces settle the light",
+        f"bake: {made['file']} ({made['bytes'] / 2**20:.1f} MiB)",
+    ]
+    return "\n".join([*lines, *(plain(note) for note in made["notes"])])
+
+
+def relight_text(made: Mapping[str, Any]) -> str:
+    """Mean, least and most light of every kind of receiver."""
+    rows = [["receivers", "number", "mean (r, g, b)", "least", "most"]]
+    for name, r in made["receivers"].items():
+        cells = [" ".join(number(v) for v in r[key]) for key in ("mean", "min", "max")]
+        rows.append([plain(name), str(r["count"]), *cells])
+    cost = f"first frame {number(made['first_s'])} s with reading, later ones {number(made['frame_ms'])} ms"
+    where_to = f"{made['bounces']} bounces, {cost}\nvalues: {made['values']}"
+    return "\n".join([table(rows), where_to, *(plain(note) for note in made["notes"])])

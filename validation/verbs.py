@@ -104,6 +104,84 @@ def check_out(out: Path) -> None:
         raise InputError(f"--out {out}: {place} may not be written to")
 
 
+def bake(arguments: Namespace) -> int:
+    """Bake one scene into a file."""
+    from . import summary
+    from .baking import bake_scene
+    from .options import read_overrides
+    from .sources import resolve_scene
+
+    overrides = read_overrides(arguments.config, arguments.assignments)
+    source = resolve_scene(arguments.scene)
+    with contextlib.redirect_stdout(sys.stderr):
+        from ..reference.scene import load_scene
+
+        scene = load_scene(source, overrides)
+        out = arguments.out or Path(f"{scene.name}.bake")
+        check_out(out.absolute().parent)
+        made = bake_scene(scene, out, arguments.seed, arguments.quiet)
+    if arguments.json:
+        print_json(made)
+    else:
+        print(summary.bake_text(made))
+    return GOOD
+
+
+def relight(arguments: Namespace) -> int:
+    """New lights through a bake."""
+    from . import summary
+    from .relight import relight_file
+
+    out = arguments.out or arguments.bake.with_suffix(".npz")
+    if out.absolute() == arguments.bake.absolute():
+        raise InputError(f"--out {out}: that is the bake itself; choose another name")
+    check_out(out.absolute().parent)
+    with contextlib.redirect_stdout(sys.stderr):
+        made = relight_file(arguments.bake, arguments.lights, out)
+    if arguments.json:
+        print_json(made)
+    else:
+        print(summary.relight_text(made))
+    return GOOD
+
+
+def formfactor(arguments: Namespace) -> int:
+    """Form factor between two mesh files."""
+    from . import formfactor as formfactor_module
+    from .summary import plain
+
+    def say(text: str) -> None:
+        print(f"lightgauge: note: {plain(text)}", file=sys.stderr)
+
+    with contextlib.redirect_stdout(sys.stderr):
+        found = formfactor_module.pair_of_files(
+            arguments.emitter, arguments.receiver, arguments.occluder, arguments.rays, arguments.seed, say
+        )
+    if arguments.json:
+        print_json(formfactor_module.as_json(found))
+    else:
+        names = plain(arguments.emitter.name), plain(arguments.receiver.name)
+        print(formfactor_module.as_text(found, *names))
+    return GOOD
+
+
+def bench(arguments: Namespace) -> int:
+    """Measure against peers and limits. 1 if a row misses its target."""
+    from .benchmarks import output, registry
+    from .progress_bar import ProgressBar
+
+    if arguments.out is not None:
+        check_out(arguments.out)
+    with contextlib.redirect_stdout(sys.stderr), ProgressBar("bench", arguments.quiet) as progress:
+        result = registry.run(arguments.name, arguments.row, progress)
+        written = [] if arguments.out is None else output.write_files(arguments.out, result)
+    if arguments.json:
+        print_json(result)
+    else:
+        print("\n".join([output.as_text(result), *(f"written: {path}" for path in written)]))
+    return FAILED if registry.missed(result) else GOOD
+
+
 def gate(arguments: Namespace) -> int:
     """Judge a run."""
     from . import gate_output, gates
@@ -132,5 +210,9 @@ VERBS: dict[str, Callable[[Namespace], int]] = {
     "run": run,
     "report": report,
     "chart": chart,
+    "bake": bake,
+    "relight": relight,
+    "formfactor": formfactor,
+    "bench": bench,
     "gate": gate,
 }

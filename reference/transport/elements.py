@@ -10,6 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ..datatypes import F64, I32, I64
+from ..visibility import Geometry
+
+MAX_CUTS = 512
+TIE = 1e-9  # an edge of just so many sizes, to within rounding, is cut so often at any scale
+
+
+def cuts_for(g: Geometry, size: F64) -> I32:
+    """Cuts per edge (T,) that leave no edge of an element longer than `size` (T,) m, as far as MAX_CUTS allows."""
+    corners = g.vertices[g.faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    return np.clip(np.ceil(longest / size * (1.0 - TIE)), 1, MAX_CUTS).astype(np.int32)
 
 
 def element_of(

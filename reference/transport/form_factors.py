@@ -1,40 +1,45 @@
 """Form factors from any receiver to patches and sky: rays, then a compressed row per receiver.
 
-    patch:  F_ij ≈ n_ij / N for cosine-distributed rays from stratified points of the patch
-    probe:  c_j,lm ≈ 4π/N Σ Y_lm(ω) over uniform rays that meet j; radiance SH = Σ_j c_j,lm B_j/π
+    patch, lumel, point:  F_ij ≈ n_ij / N for cosine-distributed rays
+    probe:                c_j,lm ≈ 4π/N Σ Y_lm(ω) over uniform rays that meet j; radiance SH = Σ_j c_j,lm B_j/π
+    cubemap texel:        n_j / (π N) for rays through the texel; radiance = Σ_j of it × B_j
 
 Columns: P patches (backs of two-sided ones included), then the sky's bins, then one column for rays that end on a
-black back or inside a closed mesh. Rows therefore always sum to one (patches), or to ∫Y dω (probes). Sums run in a
-fixed order: the result depends on neither batch size nor threads.
+black back or inside a closed mesh. Rows of patches therefore always sum to one.
+
+The N rays of a receiver are M independent randomisations of N/M Owen-scrambled Sobol points. The spread of the M
+results is the standard error (M - 1 degrees of freedom): no binomial guess, which stratified rays would not obey.
+Sums run in a fixed order: the result depends on neither batch size nor threads.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 
-from ..datatypes import F32, F64, I32, I64, Bool
-from ..directions import cosine_hemisphere, fibonacci_sphere, frames, random_rotations, rotate, rotations, sobol
+from ..datatypes import F32, F64, I32, I64
 from ..progress import Progress
-from ..sh import COEFFICIENTS, basis
-from ..sky import SKY_BINS, bin_of
-from ..visibility import Geometry, cast, to_box, vectors
-from .elements import element_of
-from .patches import Patches, surface_samples
+from ..sh import COEFFICIENTS
+from ..sky import SKY_BINS
+from ..visibility import Geometry
+from .accumulate import Batch, finish_batch, launch_batch
+from .hits import upload_patches
+from .patches import Patches
+from .receivers import Receivers, patch_receivers, point_receivers, probe_receivers
 
 RAYS_PER_BATCH = 1 << 21
+REPLICATES = 8
 
 
 @dataclass(frozen=True, eq=False)
 class FormFactors:
-    """Compressed rows. indptr (R + 1,) i64, columns (nnz,) i32, values (nnz, K) f32; K = 1 for patches, 4 for probes.
+    """Compressed rows. indptr (R + 1,) i64, columns (nnz,) i32, values (nnz, K) f32; K = 4 for probes, else 1.
 
-    patches, sky, absorbed: number of patch columns, then SKY_BINS sky columns, then one absorbing column.
-    back_share (R,) f64: share of the receiver's rays that met the inside of something. rays: rays per receiver.
+    patches: number of patch columns; SKY_BINS sky columns follow, then one absorbing column.
+    back_share (R,) f64: share of the receiver's rays that met the inside of something. rays (R,) i64: rays per receiver.
+    se (nnz, K) f32: standard error of each value, REPLICATES - 1 degrees of freedom; 0 where a closed form was used.
     """
 
     indptr: I64
@@ -42,7 +47,8 @@ class FormFactors:
     values: F32
     patches: int
     back_share: F64
-    rays: int
+    rays: I64
+    se: F32
 
     @property
     def rows(self) -> int:
@@ -51,8 +57,15 @@ class FormFactors:
 
     @property
     def bytes(self) -> int:
-        """Size of the matrix."""
+        """Size of the matrix that an update reads (without the standard errors)."""
         return self.indptr.nbytes + self.columns.nbytes + self.values.nbytes
+
+    @property
+    def row_se(self) -> F64:
+        """Root sum of squares of each row's standard errors, (R, K): the error of what it gathers per unit of light
+        that differs from column to column at random."""
+        squares = np.concatenate([np.zeros((1, self.se.shape[1])), np.cumsum(self.se.astype(np.float64) ** 2, axis=0)])
+        return np.sqrt(np.maximum(squares[self.indptr[1:]] - squares[self.indptr[:-1]], 0.0))
 
     def matrix(self, k: int = 0) -> sparse.csr_array:
         """Component `k` as a SciPy CSR array (rows, patches + SKY_BINS + 1): the plain twin of every product."""
@@ -60,122 +73,71 @@ class FormFactors:
         return sparse.csr_array((self.values[:, k], self.columns, self.indptr), shape=shape)
 
 
-def patch_form_factors(g: Geometry, p: Patches, rays: int, seed: int, progress: Progress) -> FormFactors:
-    """Form factors from every patch, K = 1."""
-    table = sobol(rays, 5, seed)
-    offsets = rotations(p.count, 5, seed)
-
-    def batch(rows: I64) -> tuple[I32, F32, F64]:
-        xi = rotate(table[None], offsets[rows][:, None, :])
-        points, normals = surface_samples(g, p, rows, xi[..., :3])
-        points, normals = points.reshape(-1, 3), normals.reshape(-1, 3)
-        directions = _turned(cosine_hemisphere(xi[..., 3:]).reshape(-1, 3), normals)
-        columns, _ = hit_columns(g, p, points, normals, directions)
-        columns = columns.reshape(len(rows), rays)
-        weights = np.full((*columns.shape, 1), 1.0 / rays, dtype=np.float32)
-        return columns, weights, (columns == p.count + SKY_BINS).mean(axis=1)
-
-    return _rows(p, p.count, rays, batch, progress, "form factors of patches")
+def patch_form_factors(g: Geometry, p: Patches, rays: int | I64, seed: int, progress: Progress) -> FormFactors:
+    """Form factors from every patch, K = 1. rays: per patch, or (P,) of powers of two."""
+    return form_factors(g, p, patch_receivers(g, p), rays, seed, progress, "form factors of patches")
 
 
 def probe_form_factors(
-    g: Geometry, p: Patches, positions: F64, rays: int, seed: int, progress: Progress
+    g: Geometry, p: Patches, positions: F64, rays: int | I64, seed: int, progress: Progress
 ) -> FormFactors:
-    """SH form factors of probes at `positions` (R, 3) m, K = 4: rotated Fibonacci directions, a rotation per probe."""
-    lattice = fibonacci_sphere(rays)
-    turns = random_rotations(len(positions), seed)
-
-    def batch(rows: I64) -> tuple[I32, F32, F64]:
-        directions = np.einsum("nij,kj->nki", turns[rows], lattice)
-        origins = np.repeat(positions[rows], rays, axis=0)
-        columns, back = hit_columns(g, p, origins, None, directions.reshape(-1, 3))
-        columns = columns.reshape(len(rows), rays)
-        weights = (basis(directions) * (4.0 / rays)).astype(np.float32)  # 4π/N · 1/π
-        return columns, weights, back.reshape(columns.shape).mean(axis=1)
-
-    return _rows(p, len(positions), rays, batch, progress, "form factors of probes")
+    """SH form factors of probes at `positions` (R, 3) m, K = 4."""
+    return form_factors(g, p, probe_receivers(g, positions), rays, seed, progress, "form factors of probes")
 
 
 def point_form_factors(
     g: Geometry, p: Patches, positions: F64, normals: F64, rays: int, seed: int, progress: Progress
 ) -> FormFactors:
     """Form factors of surface elements at `positions` (R, 3) m with unit `normals` (R, 3), K = 1."""
-    table = sobol(rays, 2, seed)
-    offsets = rotations(len(positions), 2, seed)
-
-    def batch(rows: I64) -> tuple[I32, F32, F64]:
-        local = cosine_hemisphere(rotate(table[None], offsets[rows][:, None, :])).reshape(-1, 3)
-        normal = np.repeat(normals[rows], rays, axis=0)
-        columns, back = hit_columns(g, p, np.repeat(positions[rows], rays, axis=0), normal, _turned(local, normal))
-        weights = np.full((len(rows), rays, 1), 1.0 / rays, dtype=np.float32)
-        return columns.reshape(len(rows), rays), weights, back.reshape(len(rows), rays).mean(axis=1)
-
-    return _rows(p, len(positions), rays, batch, progress, "form factors of points")
+    return form_factors(g, p, point_receivers(g, positions, normals), rays, seed, progress, "form factors of points")
 
 
-def _turned(local: F64, normals: F64) -> F64:
-    """Directions (N, 3) about +z turned to be about `normals` (N, 3)."""
-    tangent, bitangent = frames(normals)
-    return np.asarray(local[:, :1] * tangent + local[:, 1:2] * bitangent + local[:, 2:] * normals)
-
-
-def hit_columns(g: Geometry, p: Patches, origins: F64, normals: F64 | None, directions: F64) -> tuple[I32, Bool]:
-    """Column (N,) each ray ends in, and whether it met the inside of something."""
-    hits = cast(g, to_box(g, origins, normals), vectors(directions))
-    found, front = np.array(hits.hit), np.array(hits.front)
-    columns = np.full(len(found), p.count + SKY_BINS, dtype=np.int32)
-    columns[~found] = p.count + bin_of(directions[~found])
-    triangle = np.array(hits.triangle).astype(np.int64)[found]
-    u, v = np.array(hits.u)[found].astype(np.float64), np.array(hits.v)[found].astype(np.float64)
-    element = element_of(p.cuts, p.first_element, triangle, u, v)
-    patch = np.where(front[found], p.element_patch[element], p.element_back[element])
-    columns[found] = np.where(patch >= 0, patch, p.count + SKY_BINS)
-    back = np.zeros(len(found), dtype=np.bool_)
-    back[found] = ~front[found] & g.counts_as_back[triangle]
-    return columns, back
-
-
-def _rows(
-    p: Patches,
-    count: int,
-    rays: int,
-    batch: Callable[[I64], tuple[I32, F32, F64]],
-    progress: Progress,
-    stage: str,
+def form_factors(
+    g: Geometry, p: Patches, receivers: Receivers, rays: int | I64, seed: int, progress: Progress, stage: str
 ) -> FormFactors:
-    step = max(1, RAYS_PER_BATCH // rays)
-    lengths, columns, values, back = [], [], [], []
-    for begin in range(0, count, step):
-        rows = np.arange(begin, min(begin + step, count))
-        c, w, b = batch(rows)
-        length, column, value = compress(c, w)
-        lengths.append(length)
-        columns.append(column)
-        values.append(value)
-        back.append(b)
-        progress(stage, int(rows[-1]) + 1, count)
-    k = COEFFICIENTS if not values else values[0].shape[1]
-    indptr = np.concatenate([[0], np.cumsum(np.concatenate(lengths))]) if lengths else np.zeros(1)
-    return FormFactors(
-        indptr.astype(np.int64),
-        np.concatenate(columns) if columns else np.zeros(0, np.int32),
-        np.concatenate(values) if values else np.zeros((0, k), np.float32),
-        p.count,
-        np.concatenate(back) if back else np.zeros(0),
-        rays,
-    )
+    """Rows of any receivers. rays: powers of two, at least 2 · REPLICATES.
 
-
-def compress(columns: I32, weights: npt.NDArray[np.floating]) -> tuple[I64, I32, F32]:
-    """Sum the weights (R, N, K) of equal columns (R, N) within each row.
-
-    Returns entries per row (R,), columns (nnz,) ascending within a row, values (nnz, K).
+    Raises ValueError for other ray counts.
     """
-    order = np.argsort(columns, axis=1, kind="stable")
-    sorted_columns = np.take_along_axis(columns, order, axis=1)
-    first = np.ones(columns.shape, dtype=np.bool_)
-    first[:, 1:] = sorted_columns[:, 1:] != sorted_columns[:, :-1]
-    starts = np.flatnonzero(first)
-    sorted_weights = np.take_along_axis(weights, order[..., None], axis=1).reshape(-1, weights.shape[-1])
-    values = np.add.reduceat(sorted_weights.astype(np.float64), starts, axis=0).astype(np.float32)
-    return first.sum(axis=1).astype(np.int64), sorted_columns.ravel()[starts], values
+    counts = np.broadcast_to(np.asarray(rays, dtype=np.int64), (receivers.count,))
+    bad = counts[(counts & (counts - 1) != 0) | (counts < 2 * REPLICATES)]
+    if len(bad):
+        raise ValueError(f"rays must be a power of two, at least {2 * REPLICATES}, got {bad[0]}")
+    k = COEFFICIENTS if receivers.spherical else 1
+    done: list[Batch] = []
+    finished, device, pending = 0, upload_patches(g, p), None
+    for rows, n in [*_batches(counts), (None, 0)]:
+        # The next batch is traced while the last one is sorted.
+        upcoming = None if rows is None else launch_batch(g, device, receivers, rows, n, REPLICATES, seed)
+        if pending is not None:
+            done.append(finish_batch(pending))
+            finished += len(done[-1].rows)
+            progress(stage, finished, receivers.count)
+        pending = upcoming
+    return _assembled(done, counts, p.count, k)
+
+
+def _batches(counts: I64) -> list[tuple[I64 | None, int]]:
+    """Rows with equal ray counts, RAYS_PER_BATCH rays at a time."""
+    batches: list[tuple[I64 | None, int]] = []
+    for n in np.unique(counts):
+        rows = np.flatnonzero(counts == n)
+        step = max(1, RAYS_PER_BATCH // int(n))
+        batches += [(rows[i : i + step], int(n)) for i in range(0, len(rows), step)]
+    return batches
+
+
+def _assembled(batches: list[Batch], rays: I64, patches: int, k: int) -> FormFactors:
+    """Batches in the order of their rows; each batch is dropped once copied, so that memory holds the rows once."""
+    lengths, back = np.zeros(len(rays), dtype=np.int64), np.zeros(len(rays))
+    for b in batches:
+        lengths[b.rows], back[b.rows] = b.lengths, b.back_share
+    indptr = np.concatenate([[0], np.cumsum(lengths)])
+    columns = np.empty(indptr[-1], dtype=np.int32)
+    values, se = np.empty((indptr[-1], k), dtype=np.float32), np.empty((indptr[-1], k), dtype=np.float32)
+    while batches:
+        b = batches.pop()
+        shift = indptr[b.rows] - (np.cumsum(b.lengths) - b.lengths)
+        at = np.repeat(shift, b.lengths) + np.arange(len(b.columns))
+        columns[at], values[at], se[at] = b.columns, b.values, b.se
+    return FormFactors(indptr, columns, values, patches, back, np.array(rays), se)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..datatypes import F32, F64
+from ..device_arrays import to_f32, to_u32
 from ..variant import ensure_variant
 from .form_factors import FormFactors
 
@@ -31,16 +32,15 @@ class DeviceRows:
 def upload(rows: FormFactors) -> DeviceRows:
     """Put the rows into device memory once; `gather` then only moves light."""
     ensure_variant()
-    import mitsuba as mi
 
     pointers = rows.indptr.astype(np.uint32)
     return DeviceRows(
         rows.rows,
         rows.values.shape[1],
-        mi.UInt32(pointers[:-1]),
-        mi.UInt32(pointers[1:]),
-        mi.UInt32(rows.columns.astype(np.uint32)),
-        mi.Float(np.ascontiguousarray(rows.values).ravel()),
+        to_u32(pointers[:-1]),
+        to_u32(pointers[1:]),
+        to_u32(rows.columns),
+        to_f32(rows.values),
     )
 
 
@@ -52,7 +52,7 @@ def gather(rows: DeviceRows, light: F64 | F32) -> F32:
     if rows.rows == 0:
         return np.zeros((0, rows.components, 3), dtype=np.float32)
     k = rows.components
-    table = mi.Float(np.ascontiguousarray(light, dtype=np.float32).ravel())
+    table = to_f32(light)
 
     def step(i: Any, *sums: Any) -> tuple[Any, ...]:
         colour = dr.gather(mi.Color3f, table, dr.gather(mi.UInt32, rows.columns, i))

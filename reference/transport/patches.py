@@ -8,19 +8,21 @@ the number of patches. A two-sided patch has a twin for its back.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ..datatypes import F64, I32, I64, Scene
+from ..datatypes import F64, I32, I64, Mesh, Scene
 from ..visibility import Geometry, points_on_triangles
 from .baked_albedo import baked_albedo
-from .elements import points_in_elements
+from .elements import cuts_for, points_in_elements
 
-MAX_CUTS = 512
 NORMAL_CELLS = 3  # per edge of a cube face: axis-aligned normals then lie in the middle of a cell, not on a border
 AUTO_PATCHES = 2500
+TIE = 1e-6  # what lies on a border to within rounding goes one way, so that neither scale nor place changes the patches
 TEXTURE_POINTS = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3], [1 / 3, 1 / 3]])
 
 
@@ -30,10 +32,12 @@ class Patches:
 
     area (P,) m², centroid (P, 3) m, normal (P, 3) unit mean normal, albedo (P, 3), exitance (P, 3) W·m⁻² of emitters
     tagged `input`, engine_exitance (P, 3) of emitters tagged `engine`. front: number of front patches.
+    emitter (P,) i32: mesh that the patch shines as, or -1; shine (P, 3): mean of that mesh's emissive texture, or 1.
     cuts (T,) i32: k of each triangle; first_element (T,) i64. element_patch, element_back (E,) i32: patch of an
     element's front and back, -1 where the back is black. element_triangle (E,) i32.
     order (E,) i64: elements sorted by patch; cumulative (E + 1,) f64: area sum in that order; start (P_front + 1,) i64:
     where each front patch begins in `order`. twin (P,) i32: front patch whose elements a patch uses.
+    key (P_front, 6) i64: level (0 unless cut further), material or emitter, normal cell and place of each front patch.
     """
 
     area: F64
@@ -42,6 +46,8 @@ class Patches:
     albedo: F64
     exitance: F64
     engine_exitance: F64
+    emitter: I32
+    shine: F64
     front: int
     cuts: I32
     first_element: I64
@@ -52,6 +58,7 @@ class Patches:
     cumulative: F64
     start: I64
     twin: I32
+    key: I64
 
     @property
     def count(self) -> int:
@@ -64,49 +71,76 @@ def auto_patch_size(g: Geometry) -> float:
     return math.sqrt(float(g.areas.sum()) / AUTO_PATCHES)
 
 
-def build_patches(scene: Scene, g: Geometry, size: float) -> Patches:
-    """Cut and cluster. `size`: target edge, m."""
-    cuts = _cuts(g, size)
-    first = np.concatenate([[0], np.cumsum(cuts.astype(np.int64) ** 2)])
-    triangle = np.repeat(np.arange(len(cuts), dtype=np.int32), cuts.astype(np.int64) ** 2)
+def build_patches(scene: Scene, g: Geometry, size: float, split: Sequence[I64] = ()) -> Patches:
+    """Cut and cluster. `size`: target edge, m. split: for each level, the keys of the patches of that level that are cut
+    in four once more (`Patches.key`)."""
+    cuts = cuts_for(g, np.full(len(g.faces), size))
+    for level in range(len(split)):  # triangles that reach into a patch to be cut need smaller elements
+        pieces = _elements(g, cuts)
+        deeper = _keys(scene, g, pieces, size, split[: level + 1])[:, 0] > level
+        reached = np.bincount(pieces.triangle, deeper, len(g.faces)) > 0
+        cuts = np.maximum(cuts, cuts_for(g, np.where(reached, size / 2 ** (level + 1), np.inf)))
+    pieces = _elements(g, cuts)
+    key, patch = np.unique(_keys(scene, g, pieces, size, split), axis=0, return_inverse=True)
+    return _assemble(scene, g, cuts, pieces, patch.reshape(-1), key)
+
+
+class _Elements(NamedTuple):
+    """first (T + 1,) i64; triangle (E,) i32; centre (E, 3) m; area (E,) m²."""
+
+    first: I64
+    triangle: I32
+    centre: F64
+    area: F64
+
+
+def _elements(g: Geometry, cuts: I32) -> _Elements:
+    squared = cuts.astype(np.int64) ** 2
+    first = np.concatenate([[0], np.cumsum(squared)])
+    triangle = np.repeat(np.arange(len(cuts), dtype=np.int32), squared)
     uv = points_in_elements(cuts, first, triangle, np.arange(len(triangle)), np.full((len(triangle), 2), 1.0 / 3.0))
-    centre = points_on_triangles(g, triangle, uv)
-    patch = _cluster(scene, g, triangle, centre, size)
-    weight = g.areas[triangle] / cuts[triangle].astype(np.float64) ** 2
-    return _assemble(scene, g, cuts, first, triangle, centre, patch, weight)
-
-
-def _cuts(g: Geometry, size: float) -> I32:
-    corners = g.vertices[g.faces]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    return np.clip(np.ceil(longest / size), 1, MAX_CUTS).astype(np.int32)
+    return _Elements(first, triangle, points_on_triangles(g, triangle, uv), g.areas[triangle] / squared[triangle])
 
 
 def _normal_cell(normals: F64) -> I64:
-    axis = np.argmax(np.abs(normals), axis=1)
+    axis = np.argmax(np.abs(normals) + np.array([2.0 * TIE, TIE, 0.0]), axis=1)
     rows = np.arange(len(normals))
     major = normals[rows, axis]
     uv = np.stack([normals[rows, (axis + 1) % 3], normals[rows, (axis + 2) % 3]], axis=1)
     uv = uv / np.maximum(np.abs(major), 1e-9)[:, None]
-    cell = np.clip(((uv * 0.5 + 0.5) * NORMAL_CELLS).astype(np.int64), 0, NORMAL_CELLS - 1)
+    cell = np.clip(((uv * 0.5 + 0.5) * NORMAL_CELLS + TIE).astype(np.int64), 0, NORMAL_CELLS - 1)
     return np.asarray(((2 * axis + (major < 0)) * NORMAL_CELLS + cell[:, 0]) * NORMAL_CELLS + cell[:, 1])
 
 
-def _cluster(scene: Scene, g: Geometry, triangle: I32, centre: F64, size: float) -> I64:
-    """Cluster number (E,) by (material or emitter, normal cell, place)."""
+def _keys(scene: Scene, g: Geometry, e: _Elements, size: float, split: Sequence[I64]) -> I64:
+    """Key (E, 6) of each element's patch: level, material or emitter, normal cell, place."""
     emits = np.array([m.emission.any() for m in scene.meshes])
     material = np.array([m.material for m in scene.meshes])
-    owner = g.mesh[triangle]
+    owner = g.mesh[e.triangle]
     group = np.where(emits[owner], len(scene.materials) + owner, material[owner])
-    place = np.floor((centre - g.lower) / size).astype(np.int64)
-    key = np.column_stack([group, _normal_cell(g.normals)[triangle], place])
-    return np.asarray(np.unique(key, axis=0, return_inverse=True)[1]).reshape(-1)
+    normal = _normal_cell(g.normals)[e.triangle]
+
+    def at(level: int) -> I64:
+        place = np.floor(((e.centre - g.lower) / size + TIE) * 2**level).astype(np.int64)
+        return np.column_stack([np.full(len(group), level), group, normal, place])
+
+    key = at(0)
+    for level, cut in enumerate(split):
+        inside = (key[:, 0] == level) & _among(key, cut)
+        key = np.where(inside[:, None], at(level + 1), key)
+    return key
 
 
-def _assemble(
-    scene: Scene, g: Geometry, cuts: I32, first: I64, triangle: I32, centre: F64, patch: I64, weight: F64
-) -> Patches:
-    front = int(patch.max()) + 1
+def _among(rows: I64, chosen: I64) -> npt.NDArray[np.bool_]:
+    """Whether each of `rows` (N, 6) is one of `chosen` (M, 6)."""
+    _, number = np.unique(np.concatenate([rows, chosen]), axis=0, return_inverse=True)
+    number = number.reshape(-1)
+    return np.isin(number[: len(rows)], number[len(rows) :])
+
+
+def _assemble(scene: Scene, g: Geometry, cuts: I32, e: _Elements, patch: I64, key: I64) -> Patches:
+    triangle, weight = e.triangle, e.area
+    front = len(key)
     order = np.argsort(patch, kind="stable")
     start = np.searchsorted(patch[order], np.arange(front + 1))
     area = np.bincount(patch, weight, front)
@@ -116,24 +150,30 @@ def _assemble(
 
     normal = mean(g.normals[triangle])
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
-    albedo = mean(_element_albedo(scene, g, cuts, first, triangle))
-    by_input, by_engine = _exitance(scene)
-    exitance, engine_exitance = mean(by_input[g.mesh[triangle]]), mean(by_engine[g.mesh[triangle]])
+    albedo = mean(_element_albedo(scene, g, cuts, e.first, triangle))
+    shine = mean(_element_texture(scene, g, cuts, e.first, triangle, "emission_texture", np.ones((len(triangle), 3))))
+    emits = key[:, 1] >= len(scene.materials)
+    emitter = np.where(emits, key[:, 1] - len(scene.materials), -1).astype(np.int32)
     has_back = np.bincount(patch, g.two_sided[triangle], front) > 0
     backs = np.flatnonzero(has_back)
     back_number = np.full(front, -1, dtype=np.int32)
     back_number[backs] = front + np.arange(len(backs))
-    dark = np.zeros((len(backs), 3))  # emitters shine from their front only
+    emitter = np.concatenate([emitter, np.full(len(backs), -1, dtype=np.int32)])  # emitters shine from their front only
+    shine = np.concatenate([shine, shine[backs]])
+    exitance, engine_exitance = exitance_of(scene.meshes, emitter, shine)
+    centre = mean(e.centre)
     return Patches(
         area=np.concatenate([area, area[backs]]),
-        centroid=np.concatenate([mean(centre), mean(centre)[backs]]),
+        centroid=np.concatenate([centre, centre[backs]]),
         normal=np.concatenate([normal, -normal[backs]]),
         albedo=np.concatenate([albedo, albedo[backs]]),
-        exitance=np.concatenate([exitance, dark]),
-        engine_exitance=np.concatenate([engine_exitance, dark]),
+        exitance=exitance,
+        engine_exitance=engine_exitance,
+        emitter=emitter,
+        shine=shine,
         front=front,
         cuts=cuts,
-        first_element=first,
+        first_element=e.first,
         element_triangle=triangle,
         element_patch=patch.astype(np.int32),
         element_back=np.where(g.two_sided[triangle], back_number[patch], -1).astype(np.int32),
@@ -141,22 +181,34 @@ def _assemble(
         cumulative=np.concatenate([[0.0], np.cumsum(weight[order])]),
         start=start,
         twin=np.concatenate([np.arange(front), backs]).astype(np.int32),
+        key=key,
     )
 
 
-def _exitance(scene: Scene) -> tuple[F64, F64]:
-    """Exitance of each mesh (M, 3), W·m⁻²: tagged `input`, and tagged `engine`."""
-    engine = np.array([m.engine_lit for m in scene.meshes])[:, None]
-    emission = np.pi * np.stack([m.emission for m in scene.meshes])
+def exitance_of(meshes: Sequence[Mesh], emitter: I32, shine: F64) -> tuple[F64, F64]:
+    """Exitance (P, 3), W·m⁻², of patches that shine as mesh `emitter` (P,): tagged `input`, and tagged `engine`."""
+    emission = np.pi * np.stack([m.emission for m in meshes])[emitter] * shine
+    emission[emitter < 0] = 0.0
+    engine = np.array([m.engine_lit for m in meshes])[emitter][:, None]
     return np.where(engine, 0.0, emission), np.where(engine, emission, 0.0)
 
 
 def _element_albedo(scene: Scene, g: Geometry, cuts: I32, first: I64, triangle: I32) -> F64:
     """Albedo (E, 3) for the radiosity: of the material, or of its texture averaged over a few points of the element."""
     owner = g.mesh[triangle]
-    albedo = np.stack([baked_albedo(m, m.albedo) for m in (scene.materials[k.material] for k in scene.meshes)])[owner]
+    plain = np.stack([m.albedo for m in (scene.materials[k.material] for k in scene.meshes)])[owner]
+    colour = _element_texture(scene, g, cuts, first, triangle, "texture", plain)
     for number, mesh in enumerate(scene.meshes):
-        texture = scene.materials[mesh.material].texture
+        mine = owner == number
+        colour[mine] = baked_albedo(scene.materials[mesh.material], colour[mine])
+    return colour
+
+
+def _element_texture(scene: Scene, g: Geometry, cuts: I32, first: I64, triangle: I32, name: str, plain: F64) -> F64:
+    """Picture `name` of the materials averaged over a few points of each element (E, 3); `plain` (E, 3) where there is none."""
+    owner, colour = g.mesh[triangle], plain.copy()
+    for number, mesh in enumerate(scene.meshes):
+        texture = getattr(scene.materials[mesh.material], name, None)
         mine = np.flatnonzero(owner == number)
         if texture is None or mesh.uvs is None or len(mine) == 0:
             continue
@@ -166,8 +218,8 @@ def _element_albedo(scene: Scene, g: Geometry, cuts: I32, first: I64, triangle: 
             uv = points_in_elements(cuts, first, triangle[mine], mine, np.tile(xy, (len(mine), 1)))
             w = np.column_stack([1.0 - uv.sum(axis=1), uv])
             total += nearest_texel(texture, np.einsum("ni,nic->nc", w, corner))
-        albedo[mine] = baked_albedo(scene.materials[mesh.material], total / len(TEXTURE_POINTS))
-    return albedo
+        colour[mine] = total / len(TEXTURE_POINTS)
+    return colour
 
 
 def nearest_texel(texture: npt.NDArray[np.floating], uv: F64) -> F64:

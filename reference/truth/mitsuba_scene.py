@@ -96,9 +96,11 @@ def _merged(scene: Scene, meshes: list[Mesh], two_sided: bool, centre: F64, scal
 def _single(scene: Scene, mesh: Mesh, centre: F64, scale: float) -> Any:
     import mitsuba as mi
 
-    properties: dict[str, Any] = {"bsdf": mi.load_dict(_bsdf(scene.materials[mesh.material], mesh.uvs is not None))}
+    material = scene.materials[mesh.material]
+    properties: dict[str, Any] = {"bsdf": mi.load_dict(_bsdf(material, mesh.uvs is not None))}
     if mesh.emission.any():
-        radiance = {"type": "rgb", "value": [float(x) for x in mesh.emission]}
+        picture = material.emission_texture if mesh.uvs is not None else None
+        radiance = _rgb(mesh.emission) if picture is None else _bitmap(picture * mesh.emission.astype(np.float32))
         properties["emitter"] = mi.load_dict({"type": "area", "radiance": radiance})
     return mitsuba_mesh(mesh.name, (mesh.vertices - centre) / scale, mesh.faces, properties, mesh.uvs)
 

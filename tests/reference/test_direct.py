@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from lightgauge.reference.config import DirectionalLight, PointLight, SpotLight
 from lightgauge.reference.progress import silent
-from lightgauge.reference.transport.direct import arriving, direct_on_patches, punctual_irradiance, punctual_lights
+from lightgauge.reference.transport.direct import arriving, punctual_irradiance, punctual_lights
+from lightgauge.reference.transport.patch_light import direct_on_patches
 from lightgauge.reference.truth.mitsuba_scene import _punctual
 from lightgauge.reference.variant import ensure_variant
 from lightgauge.reference.visibility import build_geometry

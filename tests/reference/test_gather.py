@@ -18,7 +18,9 @@ def random_rows(rows: int, patches: int, k: int, seed: int) -> FormFactors:
     columns = np.concatenate([np.sort(rng.choice(patches + SKY_BINS + 1, n, replace=False)) for n in lengths])
     values = (rng.random((len(columns), k)) - 0.3).astype(np.float32)
     indptr = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
-    return FormFactors(indptr, columns.astype(np.int32), values, patches, np.zeros(rows), 64)
+    return FormFactors(
+        indptr, columns.astype(np.int32), values, patches, np.zeros(rows), np.full(rows, 64), np.zeros_like(values)
+    )
 
 
 @pytest.mark.parametrize("k", [1, 4])
@@ -41,5 +43,6 @@ def test_repeats_bit_for_bit() -> None:
 
 
 def test_no_rows() -> None:
-    empty = FormFactors(np.zeros(1, np.int64), np.zeros(0, np.int32), np.zeros((0, 4), np.float32), 5, np.zeros(0), 16)
+    none = np.zeros((0, 4), np.float32)
+    empty = FormFactors(np.zeros(1, np.int64), np.zeros(0, np.int32), none, 5, np.zeros(0), np.zeros(0, np.int64), none)
     assert gather(upload(empty), np.zeros((5 + SKY_BINS + 1, 3))).shape == (0, 4, 3)

@@ -1,4 +1,4 @@
-"""The sky against Mitsuba's `envmap`, and its bins."""
+"""The sky against Mitsuba's `envmap`, its bins, its peaks, and directions chosen by its luminance."""
 
 from __future__ import annotations
 
@@ -8,8 +8,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from lightgauge.reference.datatypes import Sky
-from lightgauge.reference.directions import fibonacci_sphere
-from lightgauge.reference.sky import BINS_PER_EDGE, SKY_BINS, bin_of, bin_radiance, sky_radiance
+from lightgauge.reference.directions import fibonacci_sphere, sobol
+from lightgauge.reference.sky import (
+    BINS_PER_EDGE,
+    PEAK,
+    SKY_BINS,
+    bin_of,
+    bin_radiance,
+    device_bin,
+    sample_sky,
+    sky_radiance,
+    split_peaks,
+)
 from lightgauge.reference.truth.mitsuba_scene import _sky
 from lightgauge.reference.variant import ensure_variant
 from small_scenes import random_units
@@ -96,3 +106,108 @@ def test_bins_keep_the_power_of_a_small_sun(row: int, column: int) -> None:
     solid = np.bincount(bin_of(fibonacci_sphere(1 << 18)), minlength=SKY_BINS) / (1 << 18) * 4 * math.pi
     power = (solid @ bin_radiance(Sky(picture, 0.0, False)))[0]
     assert power == pytest.approx(exact, rel=0.1)
+
+
+def test_device_bins_are_the_numpy_bins() -> None:
+    """400,000 random directions of any length, axes, cube edges and corners. Only within rounding of a border may they differ."""
+    ensure_variant()
+    import mitsuba as mi
+
+    rng = np.random.default_rng(5)
+    corners = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
+    d = np.concatenate([random_units(400_000, 4), np.delete(corners, 13, axis=0)])
+    d = (d * rng.choice([1.0, 1e-3, 7.0], (len(d), 1))).astype(np.float32)
+    got = np.array(device_bin(mi.Vector3f(np.ascontiguousarray(d.T))))
+    differ = np.flatnonzero(got != bin_of(d))
+    size = np.sort(np.abs(d[differ].astype(np.float64)), axis=1)
+    places = size[:, :2] / size[:, 2:] * BINS_PER_EDGE / 2
+    from_border = np.minimum(np.abs(places - np.round(places)).min(axis=1), 1.0 - size[:, 1] / size[:, 2])
+    assert len(differ) < 40 and (from_border < 1e-6).all(), (len(differ), from_border)
+
+
+def with_sun(height: int, width: int, row: int, column: int, strength: float, rotation: float = 0.0) -> Sky:
+    picture = image(height, width, 6)
+    picture[row, column] = np.float32([3.0, 2.0, 1.0]) * strength
+    return Sky(picture, rotation, False)
+
+
+def test_a_sky_without_peaks_is_not_split() -> None:
+    smooth = Sky(image(16, 32), 10.0, False)
+    assert split_peaks(smooth) == (smooth, None)
+    black = Sky(np.zeros((4, 8, 3), np.float32), 0.0, False)
+    assert split_peaks(black)[1] is None and np.isfinite(split_peaks(black)[0].image).all()
+    one = Sky(np.float32([[[1.0, 2.0, 3.0]]]), 0.0, False)
+    assert split_peaks(one)[1] is None
+
+
+def test_peaks_are_what_exceeds_four_times_the_mean() -> None:
+    sky = with_sun(32, 64, 8, 40, 500.0, 25.0)
+    smooth, peaks = split_peaks(sky)
+    assert peaks is not None
+    np.testing.assert_allclose(smooth.image + peaks.image, sky.image, rtol=1e-6)
+    assert (np.flatnonzero(peaks.image.any(axis=2)) == 8 * 64 + 40).all() and peaks.rotation_deg == 25.0
+    theta = np.pi * np.arange(32) / 31
+    weight = np.abs(np.diff(np.cos(np.clip(np.append(theta - np.pi / 62, np.pi), 0.0, np.pi)))) / 2 / 64
+    mean = float((weight[:, None] * sky.image.mean(axis=2)).sum())
+    assert smooth.image.mean(axis=2).max() == pytest.approx(PEAK * mean, rel=1e-5)
+    ratio = smooth.image[8, 40] / sky.image[8, 40]
+    np.testing.assert_allclose(ratio, ratio[0], rtol=1e-6)  # the colour stays
+
+
+def test_the_power_of_both_parts_is_that_of_the_whole() -> None:
+    sky = with_sun(64, 128, 20, 100, 3000.0)
+    parts = [bin_radiance(part) for part in split_peaks(sky) if part is not None]
+    np.testing.assert_allclose(sum(parts), bin_radiance(sky), rtol=1e-5, atol=1e-6)
+
+
+SKIES = [with_sun(16, 32, 5, 9, 200.0, 30.0), with_sun(33, 20, 0, 3, 50.0, -77.0), with_sun(9, 16, 8, 15, 9.0),
+         with_sun(2, 8, 1, 2, 4.0), Sky(image(1, 6), 15.0, False), split_peaks(with_sun(32, 64, 12, 63, 900.0, 40.0))[1]]  # fmt: skip
+
+
+@pytest.mark.parametrize("sky", SKIES)
+def test_density_integrates_to_one_and_is_that_of_the_samples(sky: Sky) -> None:
+    """Samples per sky bin against the density that comes with them. Mean of 1/density over samples is the solid angle on
+    which it is not zero; samples in a bin, each weighted with 1/density, add up to the bin's solid angle. 2^18 Sobol
+    points; bins of few samples are not judged."""
+    n = 1 << 9
+    d, density = sample_sky(sky, sobol(n * n, 2, 3))
+    np.testing.assert_allclose(np.linalg.norm(d, axis=1), 1.0, rtol=1e-6)
+    assert (density > 0.0).all() and (sky_radiance(sky, d).sum(axis=1) > 0.0).all()
+    even = fibonacci_sphere(n * n)
+    lit = sky_radiance(sky, even).any(axis=1)
+    solid = 4.0 * math.pi * np.bincount(bin_of(even), lit, SKY_BINS) / n / n
+    found = np.bincount(bin_of(d), 1.0 / density, SKY_BINS) / n / n
+    assert found.sum() == pytest.approx(4.0 * math.pi * lit.mean(), rel=0.01)
+    enough = np.bincount(bin_of(d), minlength=SKY_BINS) > 200
+    np.testing.assert_allclose(found[enough], solid[enough], rtol=0.15, atol=2e-3)
+    assert np.abs(found - solid)[enough].mean() < 0.02 * solid[enough].mean()
+
+
+@pytest.mark.parametrize("sky", SKIES)
+def test_density_follows_the_luminance(sky: Sky) -> None:
+    """Mean of L / density is ∫ L dω, and its spread is small: at most the unevenness within one cell of bilinear reading,
+    where random directions would spread as L itself."""
+    d, density = sample_sky(sky, sobol(1 << 18, 2, 4))
+    radiance = sky_radiance(sky, d).mean(axis=1)
+    even = sky_radiance(sky, fibonacci_sphere(1 << 20)).mean(axis=1)
+    assert (radiance / density).mean() == pytest.approx(4.0 * math.pi * even.mean(), rel=5e-3)
+    assert (radiance / density).std() / (radiance / density).mean() < 0.75 * max(1.0, even.std() / even.mean())
+
+
+@pytest.mark.parametrize("rotation", [0.0, 90.0, -120.0])
+def test_samples_turn_with_the_sky(rotation: float) -> None:
+    """Nearly all samples lie at the sun, whose direction is Mitsuba's brightest; the same sky turned gives the same samples
+    turned."""
+    sky = with_sun(32, 64, 10, 7, 1e6, rotation)
+    xi = np.random.default_rng(1).random((2000, 2))
+    d, density = sample_sky(sky, xi)
+    towards = d.mean(axis=0) / np.linalg.norm(d.mean(axis=0))
+    looked = fibonacci_sphere(1 << 16)
+    bright = mitsuba_radiance(sky, looked).mean(axis=1)
+    seen = (looked * bright[:, None]).sum(axis=0)
+    assert math.degrees(math.acos(min(1.0, float(towards @ seen / np.linalg.norm(seen))))) < 1.0
+    straight, same = sample_sky(with_sun(32, 64, 10, 7, 1e6), xi)
+    a = math.radians(rotation)
+    turn = np.array([[math.cos(a), 0, math.sin(a)], [0, 1, 0], [-math.sin(a), 0, math.cos(a)]])
+    np.testing.assert_allclose(d, straight @ turn.T, atol=1e-12)
+    np.testing.assert_allclose(density, same, rtol=1e-12)

@@ -1,0 +1,157 @@
+"""Rays to compressed rows: trace a batch, sort each row's columns, sum the runs.
+
+No atomics: a run of equal columns is summed by one lane in the order of its rays, so results repeat bit for bit.
+The plain twin is `accumulate_plain`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..datatypes import F32, F64, I32, I64
+from ..device_arrays import to_u32, to_u64
+from ..low_discrepancy import receiver_seeds, scrambled, sobol_table
+from ..sh import COEFFICIENTS, Y0, Y1
+from ..visibility import Geometry
+from .hits import DevicePatches, columns_of_rays
+from .receivers import Receivers
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Compressed rows of some receivers: rows (R,) receiver numbers, lengths (R,) entries per row, columns (nnz,) i32
+    ascending within a row, values and se (nnz, K) f32, back_share (R,)."""
+
+    rows: I64
+    lengths: I64
+    columns: I32
+    values: F32
+    se: F32
+    back_share: F64
+
+
+@dataclass(frozen=True, eq=False)
+class Traced:
+    """A batch on its way. keys (rows · rays,): column · rays + ray, mi.UInt32, or mi.UInt64 where that is too short;
+    back_share (rows,) mi.Float; directions (rows · rays,) mi.Vector3f for probes, else None."""
+
+    rows: I64
+    rays: int
+    replicates: int
+    weight: float
+    keys: Any
+    back_share: Any
+    directions: Any
+
+
+def launch_batch(
+    g: Geometry, p: DevicePatches, receivers: Receivers, rows: I64, rays: int, replicates: int, seed: int
+) -> Traced:
+    """Start tracing `rays` rays from each of `rows`; returns at once."""
+    import drjit as dr
+    import mitsuba as mi
+
+    points, shift = rays // replicates, rays.bit_length() - 1
+    table = sobol_table(points)
+    lane = dr.arange(mi.UInt32, len(rows) * rays)
+    receiver = dr.gather(mi.UInt32, to_u32(rows), lane >> dr.opaque(mi.UInt32, shift))
+    ray = lane & dr.opaque(mi.UInt32, rays - 1)
+    index, replicate = ray & dr.opaque(mi.UInt32, points - 1), ray >> dr.opaque(mi.UInt32, points.bit_length() - 1)
+    scramble = receiver_seeds(receiver, replicate, dr.opaque(mi.UInt32, seed))
+    origins, directions = receivers.rays(receiver, lambda d: scrambled(table, index, scramble, d))
+    column, back = columns_of_rays(g, p, origins, directions)
+    wide = p.columns << shift > 1 << 32
+    key_type = mi.UInt64 if wide else mi.UInt32
+    keys = (key_type(column) << dr.opaque(key_type, shift)) | key_type(ray)
+    met_back = dr.select(back, mi.Float(1.0), 0.0)
+    kept = directions if receivers.spherical else None
+    dr.eval(keys, met_back, kept)
+    back_share = dr.block_sum(met_back, rays) / rays
+    dr.eval(back_share)
+    return Traced(rows, rays, replicates, receivers.weight, keys, back_share, kept)
+
+
+def finish_batch(t: Traced) -> Batch:
+    """Sort and sum a traced batch."""
+    keys = np.array(t.keys).reshape(len(t.rows), t.rays)
+    keys.sort(axis=1)
+    columns = keys >> np.asarray(t.rays.bit_length() - 1, keys.dtype)
+    first = np.ones(columns.shape, dtype=np.bool_)
+    np.not_equal(columns[:, 1:], columns[:, :-1], out=first[:, 1:])
+    starts = np.flatnonzero(first)
+    values, se = _sum_runs(t, starts, keys)
+    found = columns.ravel()[starts].astype(np.int32)
+    return Batch(t.rows, np.count_nonzero(first, axis=1), found, values, se, np.array(t.back_share, dtype=np.float64))
+
+
+def _sum_runs(t: Traced, starts: I64, keys: npt.NDArray[np.unsignedinteger]) -> tuple[F32, F32]:
+    """Sum of each run of equal columns, and its standard error from the replicates: one lane per run.
+
+    s² of a sum S of M replicate sums x_r: M/(M-1) (Σ (x_r - c)² - (S - M c)²/M), over all M (absent ones are 0). c is the
+    mean if all rays were as the first: float32 then does not lose a small spread of large sums.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    k, m = COEFFICIENTS if t.directions is not None else 1, t.replicates
+    begin, end = to_u32(starts), to_u32(np.append(starts[1:], keys.size))
+    mask, shift = dr.opaque(mi.UInt32, t.rays - 1), dr.opaque(mi.UInt32, (t.rays // t.replicates).bit_length() - 1)
+    row_start = begin & ~mask
+    sorted_keys = to_u32(keys) if keys.dtype == np.uint32 else to_u64(keys)
+
+    def ray_at(i: Any) -> Any:
+        return mi.UInt32(dr.gather(type(sorted_keys), sorted_keys, i)) & mask
+
+    zero = [mi.Float(0) for _ in range(k)]
+    centre = [y * (mi.Float(end - begin) / m) for y in _terms(t, row_start + ray_at(begin))]
+
+    def step(i: Any, present: Any, last: Any, *state: Any) -> tuple[Any, ...]:
+        total, part, squares = (list(state[n * k : (n + 1) * k]) for n in range(3))
+        ray = ray_at(i)
+        replicate = ray >> shift
+        terms = _terms(t, row_start + ray)
+        new = replicate != last
+        squares = [s + dr.select(new, dr.square(x - c), 0.0) for s, x, c in zip(squares, part, centre, strict=True)]
+        total = [s + dr.select(new, x, 0.0) for s, x in zip(total, part, strict=True)]
+        part = [dr.select(new, 0.0, x) + y for x, y in zip(part, terms, strict=True)]
+        return (i + 1, present + dr.select(new, 1.0, 0.0), replicate, *total, *part, *squares)
+
+    state = (begin, mi.Float(1), ray_at(begin) >> shift, *zero, *zero, *zero)
+    present, _, *sums = dr.while_loop(state, lambda i, *_: i < end, step)[1:]
+    before, part, squares = sums[:k], sums[k : 2 * k], sums[2 * k :]
+    total = [s + x for s, x in zip(before, part, strict=True)]
+    scale = dr.opaque(mi.Float, t.weight / t.rays)
+    values = [s * scale for s in total]
+    spread = [
+        q + dr.square(x - c) + (m - present) * dr.square(c) - dr.square(s - m * c) / m
+        for q, x, c, s in zip(squares, part, centre, total, strict=True)
+    ]
+    se = [dr.sqrt(dr.maximum(v * (m / (m - 1.0)), 0.0)) * scale for v in spread]
+    dr.eval(values, se)
+    return np.stack([np.array(v) for v in values], axis=1), np.stack([np.array(v) for v in se], axis=1)
+
+
+def _terms(t: Traced, lane: Any) -> list[Any]:
+    """What ray `lane` of the batch adds before weighting: 1, or the SH basis (order of `sh.basis`) in its direction."""
+    import drjit as dr
+    import mitsuba as mi
+
+    if t.directions is None:
+        return [mi.Float(1.0)]
+    x, y, z = (dr.gather(mi.Float, t.directions[axis], lane) for axis in range(3))
+    return [mi.Float(Y0), Y1 * y, Y1 * z, Y1 * x]
+
+
+def accumulate_plain(found: I64, terms: F64, replicates: int) -> dict[int, tuple[F64, F64]]:
+    """One row the slow way: found (N,) columns, terms (N, K); column -> sum and standard error of the sum, (K,) each."""
+    out = {}
+    parts = np.arange(len(found)) // (len(found) // replicates)
+    for column in sorted(set(found.tolist())):
+        mine = (found == column)[:, None] * terms
+        sums = np.stack([mine[parts == r].sum(axis=0) for r in range(replicates)])
+        out[column] = (sums.sum(axis=0), np.sqrt(replicates * sums.var(axis=0, ddof=1)))
+    return out

@@ -1,0 +1,105 @@
+"""Reciprocity and closure: what ray-cast form factors get wrong, and the least change that puts both right.
+
+With flows x_ij = A_i F_ij, truth obeys x_ij = x_ji and Σ_j x_ij + Σ_k x_i,outside k = A_i. Rays from i estimate x_ij with variance
+A_i x_ij / N_i, independently of the rays from j. So
+
+1. both estimates are averaged with weights w_i = N_i / A_i, the inverse of their variances: no entry gets worse than the
+   better one of the two, and v_ij = x_ij / (w_i + w_j) is left;
+2. rows are closed by x_ij + v_ij (λ_i + λ_j) and x_i,out + v_i,out λ_i: least squares weighted by the inverse variances
+   under exact linear constraints. For independent errors of these variances that lowers the variance of every linear
+   function of the flows (Gauss-Markov theorem). Entries of variance 0, closed forms, stay as they are.
+
+Low-discrepancy rays make a row's errors cancel against each other; averaging gives some of that up, so what a patch
+gathers from a large even light gains less than single entries do. Tests measure both against exact form factors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, cg
+
+from ..datatypes import F64
+from .flows import Flows, flows_of_rays, row_sums, rows_of_flows
+from .form_factors import FormFactors
+
+CLOSURE = 1e-9  # of a row, before rounding to float32
+MAX_ITERATIONS = 2000
+ROUNDS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Reconciled:
+    """rows: form factors that keep both laws. raw_reciprocity, reciprocity: Σ|x_ij - x_ji| / Σ x_ij before and after.
+    raw_closure, symmetric_closure, closure: max |Σ_j F_ij - 1| of the rays, after averaging, and in the end."""
+
+    rows: FormFactors
+    raw_reciprocity: float
+    raw_closure: float
+    symmetric_closure: float
+    reciprocity: float
+    closure: float
+
+
+def reconcile(raw: FormFactors, area: F64) -> Reconciled:
+    """Make rows from every patch reciprocal and closed. area: (P,) m². Raises ValueError for rows of other receivers."""
+    if raw.rows != raw.patches or raw.values.shape[1] != 1 or len(area) != raw.rows:
+        raise ValueError(
+            f"expected one row for each of {raw.patches} patches and areas, got {raw.rows} and {len(area)}"
+        )
+    flows, defect = flows_of_rays(raw, area)
+    raw_closure = float(np.abs(raw.matrix().sum(axis=1) - 1.0).max(initial=0.0))
+    return reconcile_flows(flows, area, raw, defect, raw_closure)
+
+
+def reconcile_flows(
+    flows: Flows, area: F64, raw: FormFactors, raw_reciprocity: float, raw_closure: float
+) -> Reconciled:
+    """Close flows that are reciprocal already. raw: where ray counts and back shares come from."""
+    symmetric = float(np.abs(row_sums(flows, len(area)) / area - 1.0).max(initial=0.0))
+    rows = rows_of_flows(closed(flows, area), area, raw)
+    final, defect = flows_of_rays(rows, area)
+    del final
+    closure = float(np.abs(rows.matrix().astype(np.float64).sum(axis=1) - 1.0).max(initial=0.0))
+    return Reconciled(rows, raw_reciprocity, raw_closure, symmetric, defect, closure)
+
+
+def closed(flows: Flows, area: F64) -> Flows:
+    """Step 2, repeated where a correction larger than the entry itself had to be cut off at zero."""
+    for _ in range(ROUNDS):
+        flows = _least_change(flows, area)
+        cut = min(flows.x.min(initial=0.0), flows.out_x.min(initial=0.0)) < 0.0
+        flows = flows.without_negatives()
+        if not cut:
+            break
+    return flows
+
+
+def _least_change(f: Flows, area: F64) -> Flows:
+    """Solves (diag(Σ_j v_ij + v_i,out) + V) λ = A - Σ_j x_ij by conjugate gradients and applies the correction."""
+    p = len(area)
+    own = f.lo == f.hi  # counts once in its row, but is bent by both λ_i and λ_j
+    variance = np.where(own, 0.5 * f.variance, f.variance)
+    upper = sparse.csr_array((variance, f.hi, f.pointers(p)), shape=(p, p))
+    lower = upper.T.tocsr()
+    twice = np.zeros(p)
+    twice[f.lo[own]] = variance[own]
+    diagonal = upper.sum(axis=1) + lower.sum(axis=1) - twice + np.bincount(f.out_row, f.out_variance, p)
+    bends = diagonal > 0.0  # rows of closed forms only are as they are
+    scale = np.where(
+        bends, 1.0 / np.sqrt(np.where(bends, diagonal, 1.0)), 0.0
+    )  # Jacobi's preconditioner, kept symmetric
+
+    def product(y: F64) -> F64:
+        z = scale * y
+        return np.asarray(scale * ((diagonal - twice) * z + upper @ z + lower @ z))
+
+    defect = area - row_sums(f, p)
+    solved, _ = cg(
+        LinearOperator((p, p), matvec=product, dtype=float), scale * defect, rtol=CLOSURE, maxiter=MAX_ITERATIONS
+    )
+    multiplier = scale * solved
+    x = f.x + variance * (multiplier[f.lo] + multiplier[f.hi])
+    return f._replace(x=x, out_x=f.out_x + f.out_variance * multiplier[f.out_row])
