@@ -4,6 +4,9 @@ A pilot traces PILOT rays per receiver and lets them gather a guess of the light
 receiver's relative variance per ray σ_i². The mean square error over all receivers, Σ a_i σ_i²/N_i with weights a_i, reaches
 τ² with the fewest rays for N_i = √a_i σ_i · Σ_j √a_j σ_j / τ² (Neyman 1934, optimum allocation), with τ = noise. The pilot is
 not used again, so that stopping where the spread happened to look small cannot bias the result.
+
+A receiver whose few pilot rays missed a small lamp looks dark and even at once. So its replicates are taken in two halves:
+the spread of one is set against the mean of the other, and what the allocation of one gains is judged by the other.
 """
 
 from __future__ import annotations
@@ -24,8 +27,7 @@ from .receivers import Receivers
 
 PILOT = 64
 LEAST = 64
-# The pilot's variance of one receiver has only REPLICATES - 1 degrees of freedom: it is drawn to the mean of all, which
-# counts as this many more.
+# The pilot's variance of one receiver has few degrees of freedom: it is drawn to the mean of all, which counts as this many.
 PRIOR = 3.0
 STEPS = 20
 DIM = 0.1
@@ -35,7 +37,8 @@ PILOT_SEED = 7919  # the pilot's rays are others than those of the result
 @dataclass(frozen=True, eq=False)
 class Allocation:
     """rays (R,) i64: per receiver, powers of two. spent: their sum and the pilot's. uniform: rays that the same number for
-    every receiver would need for the same root-mean-square error. reached: that error, relative."""
+    every receiver would need for the same root-mean-square error, rather too few than too many. reached: that error,
+    relative, as the pilot foresees it."""
 
     rays: I64
     spent: int
@@ -71,18 +74,18 @@ def trace_pilot(g: Geometry, p: Patches, receivers: Receivers, seed: int) -> Pil
     return Pilot(columns, directions)
 
 
-def gathered(pilot: Pilot, light: F64) -> tuple[F64, F64]:
+def gathered(pilot: Pilot, light: F64, of: slice = slice(None)) -> tuple[F64, F64]:
     """Irradiance (R,) that the pilot gathers from `light` (columns,), and its variance (R,) from the replicates.
 
-    For probes of irradiance averaged over all normals: with E(n) = π Y00 L00 + 2π/3 Σ_m Y1m(n) L1m the mean square of its
-    error is var(mean B) + 4/3 Σ_m var(mean ω_m B), over rays of direction ω that find radiosity B.
+    of: replicates that count. For probes of irradiance averaged over all normals: with E(n) = π Y00 L00 + 2π/3 Σ_m Y1m(n) L1m
+    the mean square of its error is var(mean B) + 4/3 Σ_m var(mean ω_m B), over rays of direction ω that find radiosity B.
     """
     found = light[pilot.columns]
     terms = found[..., None]
     if pilot.directions is not None:
         terms = np.concatenate([terms, math.sqrt(4.0 / 3.0) * pilot.directions * terms], axis=2)
-    parts = terms.reshape(len(found), REPLICATES, -1, terms.shape[2]).mean(axis=2)
-    return parts[..., 0].mean(axis=1), parts.var(axis=1, ddof=1).sum(axis=1) / REPLICATES
+    parts = terms.reshape(len(found), REPLICATES, -1, terms.shape[2]).mean(axis=2)[:, of]
+    return parts[..., 0].mean(axis=1), parts.var(axis=1, ddof=1).sum(axis=1) / parts.shape[1]
 
 
 def pilot_matrix(pilot: Pilot, columns: int) -> sparse.csr_array:
@@ -105,24 +108,30 @@ def allocate(pilot: Pilot, light: F64, weights: F64, noise: float, most: int, le
     count, least = len(pilot.columns), min(least, most)
     if count == 0 or not light.any():
         return fixed(count, least)
-    share, (mean, variance) = weights / weights.sum(), gathered(pilot, light)
-    scale = mean + DIM * float(share @ mean)
-    relative = variance / np.maximum(scale, np.finfo(np.float64).tiny) ** 2
-    dof = REPLICATES - 1.0
-    per_ray = PILOT * (dof * relative + PRIOR * float(share @ relative)) / (dof + PRIOR)
-    deviation = np.sqrt(share * per_ray)
-
-    def rays_for(square: float) -> I64:
-        exact = np.clip(deviation * deviation.sum() / square, least, most)
-        return np.asarray(2 ** np.rint(np.log2(exact)).astype(np.int64))
-
-    square = noise**2
-    rays = rays_for(square)
+    share, (one, two) = weights / weights.sum(), (gathered(pilot, light, slice(k, None, 2)) for k in (0, 1))
+    dark = max(DIM * float(share @ (one[0] + two[0])) / 2.0, np.finfo(np.float64).tiny)
+    halves = [PILOT / 2 * a[1] / (b[0] + dark) ** 2 for a, b in ((one, two), (two, one))]
+    per_ray = _drawn((halves[0] + halves[1]) / 2.0, share, REPLICATES - 2.0)
+    square, rays = noise**2, _neyman(per_ray, share, noise**2, least, most)
     for _ in range(STEPS):  # powers of two, the least and the most leave the target by a little
         if float(share @ (per_ray / rays)) <= noise**2 or (rays == most).all():
             break
         square *= 0.9
-        rays = rays_for(square)
+        rays = _neyman(per_ray, share, square, least, most)
     reached = float(share @ (per_ray / rays))
-    uniform = float(share @ per_ray) / reached if reached > 0.0 else float(least)
+    by_half = [_neyman(_drawn(h, share, REPLICATES / 2 - 1.0), share, square, least, most) for h in halves]
+    judged = float(share @ (halves[1] / by_half[0] + halves[0] / by_half[1]))
+    uniform = float(share @ (halves[0] + halves[1])) / judged if judged > 0.0 else float(least)
     return Allocation(rays, int(rays.sum()) + PILOT * count, round(uniform * count), float(np.sqrt(reached)))
+
+
+def _drawn(per_ray: F64, share: F64, dof: float) -> F64:
+    """Variances (R,) of `dof` degrees of freedom, drawn to their mean."""
+    return np.asarray((dof * per_ray + PRIOR * float(share @ per_ray)) / (dof + PRIOR))
+
+
+def _neyman(per_ray: F64, share: F64, square: float, least: int, most: int) -> I64:
+    """Rays (R,), powers of two, for a mean square error `square`."""
+    deviation = np.sqrt(share * per_ray)
+    exact = np.clip(deviation * deviation.sum() / square, least, most)
+    return np.asarray(2 ** np.rint(np.log2(exact)).astype(np.int64))

@@ -15,7 +15,6 @@ import numpy as np
 from ..datatypes import F64, I64, Scene
 from ..visibility import Geometry
 from .adaptive import gathered, trace_pilot
-from .elements import element_of, points_in_elements
 from .patches import Patches, build_patches
 from .receivers import patch_receivers
 
@@ -40,7 +39,7 @@ def subdivided_patches(
     for level in range(LEVELS):
         mine = patches.key[:, 0] == level
         trial = build_patches(scene, g, size, [*split, patches.key[mine]])
-        spread, mean = _spread(g, patches, trial, guess(patches), direct(trial), seed + level)
+        spread, mean = _spread(g, patches, trial, level, guess(patches), direct(trial), seed + level)
         cut = mine & (spread > tolerance * mean)
         if not cut.any():
             break
@@ -49,23 +48,35 @@ def subdivided_patches(
     return patches
 
 
-def _spread(g: Geometry, p: Patches, trial: Patches, light: F64, direct: F64, seed: int) -> tuple[F64, float]:
+def _spread(
+    g: Geometry, p: Patches, trial: Patches, level: int, light: F64, direct: F64, seed: int
+) -> tuple[F64, float]:
     """Standard deviation (P_front,) of the light within each patch of `p`, seen by its pieces in `trial`; mean light."""
     mean, variance = gathered(trace_pilot(g, p, patch_receivers(g, trial), seed), light)
     incident, noise = (direct + mean)[: trial.front], variance[: trial.front]
-    parent, area = _parents(p, trial), trial.area[: trial.front]
-    whole = np.bincount(parent, area, p.front)
+    area = trial.area[: trial.front]
+    average = float(area @ incident / area.sum())
+    parent = _parents(p, trial, level)
+    known = parent >= 0
+    parent, area, incident, noise = parent[known], area[known], incident[known], noise[known]
+    whole = np.maximum(np.bincount(parent, area, p.front), np.finfo(np.float64).tiny)
     middle = np.bincount(parent, area * incident, p.front) / whole
     within = np.bincount(parent, area * (incident - middle[parent]) ** 2, p.front) / whole
-    pieces = np.bincount(parent, minlength=p.front)
+    pieces = np.maximum(np.bincount(parent, minlength=p.front), 1)
     by_noise = np.bincount(parent, area * noise, p.front) / whole * (1.0 - 1.0 / pieces)
     # Twice the noise is taken off: a patch is cut for what is seen, not for what may be.
-    return np.sqrt(np.maximum(within - 2.0 * by_noise, 0.0)), float(area @ incident / area.sum())
+    return np.sqrt(np.maximum(within - 2.0 * by_noise, 0.0)), average
 
 
-def _parents(p: Patches, trial: Patches) -> I64:
-    """Front patch (trial.front,) of `p` in which each front patch of `trial` lies."""
-    element = trial.order[trial.start[:-1]]
-    triangle = trial.element_triangle[element]
-    uv = points_in_elements(trial.cuts, trial.first_element, triangle, element, np.full((len(element), 2), 1.0 / 3.0))
-    return p.element_patch[element_of(p.cuts, p.first_element, triangle, uv[:, 0], uv[:, 1])].astype(np.int64)
+def _parents(p: Patches, trial: Patches, level: int) -> I64:
+    """Front patch (trial.front,) of `p` whose place holds that of each front patch of `trial`, in which patches of `level` are
+    cut; -1 where elements so small reach into a place that `p` had none in."""
+    key = trial.key.copy()
+    deeper = key[:, 0] > level
+    key[deeper, 0] = level
+    key[deeper, 3:] //= 2
+    _, number = np.unique(np.concatenate([p.key, key]), axis=0, return_inverse=True)
+    number = number.reshape(-1)
+    patch = np.full(number.max() + 1, -1)
+    patch[number[: p.front]] = np.arange(p.front)
+    return patch[number[p.front :]]

@@ -2,7 +2,8 @@
 
     memory_vs_matrices = (peak - before - 512 MiB) / bytes of the finished rows (pointers, columns, values, standard errors)
 
-`before` is what the process holds with scene and patches built; what the libraries need to compile counts as growth.
+0 where that is negative. `before` is what the process holds with scene and patches built; what the libraries need to compile counts
+as growth.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ alone: nothing else can stand in the way, and it is faster so.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -26,7 +27,7 @@ from .rows import CannotMeasure, Group, Row, Wanted, row_of
 from .timing import interleaved
 
 PACKAGE = "pyviewfactor"
-MEND = "pip install 'lightgauge[bench]', in the repository .venv/bin/pip install -c constraints.txt -e '.[bench]'"
+MEND = ".venv/bin/pip install -c constraints.txt -e '.[bench]'"
 NOISE = 1e-3  # a tenth of its error, and some
 REPEATS = 7
 NAMES = (
@@ -62,9 +63,9 @@ def peer(box: Box, folder: Path) -> Iterator[tuple[F64, Callable[[int], float]]]
         def task(repeat: int) -> float:
             del repeat
             assert child.stdin is not None
-            with suppress(BrokenPipeError):  # `answer` says why it ended
-                child.stdin.write("again\n")
-                child.stdin.flush()
+            # Past Python's buffer, which could not be closed if the child ended; `answer` then says why it did.
+            with suppress(BrokenPipeError):
+                os.write(child.stdin.fileno(), b"again\n")
             return float(answer())
 
         answer()

@@ -130,7 +130,7 @@ def _embree(place: tuple[str, float], suffix: str, target: float | None, repeats
 
 GROUPS = (
     _embree(HOUSE_2K, "2k", 0.8, 7),
-    _embree(HOUSE_20K, "20k", 0.6, 3),
+    _embree(HOUSE_20K, "20k", 0.6, 5),
     _embree(CORNELL_2K, "2k_cornell", None, 5),
     Group(("rays_time_exponent",), lambda wanted, progress: time_exponent(progress)),
 )
