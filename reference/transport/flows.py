@@ -5,29 +5,33 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy import sparse
 
-from ..datatypes import F64, I64
+from ..datatypes import F32, F64, I32, I64
 from .form_factors import FormFactors
+
+C128 = npt.NDArray[np.complex128]
+TINY = 1e-60
 
 
 class Flows(NamedTuple):
-    """lo, hi (N,) i64: patches of a pair, lo ≤ hi, sorted by lo, then hi. x (N,) m²: A_i F_ij = A_j F_ji.
+    """lo, hi (N,) i32: patches of a pair, lo ≤ hi, sorted by lo, then hi. x (N,) m²: A_i F_ij = A_j F_ji.
 
-    variance (N,): what least squares may bend, m⁴; spread (N,): measured variance from replicates, m⁴.
+    variance (N,) f32: what least squares may bend, m⁴; spread (N,) f32: measured variance from replicates, m⁴.
     out_row, out_column (M,): patch and column (sky bins, absorbed), sorted; out_x, out_variance, out_spread likewise.
     """
 
-    lo: I64
-    hi: I64
+    lo: I32
+    hi: I32
     x: F64
-    variance: F64
-    spread: F64
-    out_row: I64
-    out_column: I64
+    variance: F32
+    spread: F32
+    out_row: I32
+    out_column: I32
     out_x: F64
-    out_variance: F64
-    out_spread: F64
+    out_variance: F32
+    out_spread: F32
 
     def pointers(self, patches: int) -> I64:
         """Where each patch's pairs begin, (P + 1,)."""
@@ -48,60 +52,82 @@ def row_sums(f: Flows, patches: int) -> F64:
 
 def flows_of_rays(raw: FormFactors, area: F64) -> tuple[Flows, float]:
     """Both directions of each pair averaged by inverse variance, and the reciprocity defect Σ|x_ij - x_ji| / Σ x_ij."""
-    p = raw.rows
-    row = np.repeat(np.arange(p), np.diff(raw.indptr))
-    flow = area[row] * raw.values[:, 0].astype(np.float64)
-    spread = (area[row] * raw.se[:, 0]) ** 2
     weight = raw.rays / area
-    outside = raw.columns >= p
-    inside = np.flatnonzero(~outside)
-    i, j = row[inside], raw.columns[inside].astype(np.int64)
-    key = np.minimum(i, j) * p + np.maximum(i, j)
-    order = np.argsort(key, kind="stable")
-    key, inside, upper = key[order], inside[order], (i <= j)[order]
-    start = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]])) if len(key) else np.zeros(0, np.int64)
-    pair = np.cumsum(np.concatenate([[0], key[1:] != key[:-1]])) if len(key) else np.zeros(0, np.int64)
-    lo, hi = key[start] // p, key[start] % p
-    one, two = (np.bincount(pair[side], flow[inside[side]], len(start)) for side in (upper, ~upper))
-    s_one, s_two = (np.bincount(pair[side], spread[inside[side]], len(start)) for side in (upper, ~upper))
+    lo, hi, flow, squared = _both_ways(raw, area)
     w_lo, w_hi = weight[lo], np.where(lo == hi, 0.0, weight[hi])
-    x = (w_lo * one + w_hi * two) / (w_lo + w_hi)
-    s = (w_lo**2 * s_one + w_hi**2 * s_two) / (w_lo + w_hi) ** 2
-    out = np.flatnonzero(outside)
-    flows = Flows(
-        lo, hi, x, x / (w_lo + w_hi), s, row[out], raw.columns[out].astype(np.int64), flow[out],
-        flow[out] / weight[row[out]], spread[out],
-    )  # fmt: skip
-    total = float(flow[inside].sum())
-    different = 2.0 * float(np.abs(one - two)[lo != hi].sum())
-    return flows, different / total if total > 0.0 else 0.0
+    total = w_lo + w_hi
+    w_lo /= total
+    w_hi /= total
+    whole = float(flow.real.sum() + flow.imag.sum())
+    different = 2.0 * float(np.abs(flow.real - flow.imag)[lo != hi].sum())
+    x = w_lo * flow.real + w_hi * flow.imag
+    spread = (w_lo**2 * squared.real + w_hi**2 * squared.imag).astype(np.float32)
+    flows = Flows(lo, hi, x, (x / total).astype(np.float32), spread, *_outside(raw, area, weight))
+    return flows, different / whole if whole > 0.0 else 0.0
+
+
+def _both_ways(raw: FormFactors, area: F64) -> tuple[I32, I32, C128, C128]:
+    """Every pair once: lo, hi (N,), sorted; its flow as lo and as hi see it, and their squared errors.
+
+    Real parts hold what lo sees, imaginary parts what hi sees: sparse addition then brings both together in linear time.
+    """
+    p = raw.rows
+    row = np.repeat(np.arange(p, dtype=np.int32), np.diff(raw.indptr))
+    upper, lower = (raw.columns < p) & (row <= raw.columns), (raw.columns < p) & (row > raw.columns)
+
+    def together(values: F64) -> sparse.csr_array:
+        sides = []
+        for side, unit in ((upper, 1.0), (lower, 1.0j)):
+            pointers = np.concatenate([[0], np.cumsum(np.bincount(row[side], minlength=p))])
+            sides.append(sparse.csr_array((unit * values[side], raw.columns[side], pointers), shape=(p, p)))
+        return (sides[0].astype(np.complex128) + sides[1].T.tocsr()).tocsr()
+
+    flow = together(area[row] * raw.values[:, 0])
+    squared = together((area[row] * raw.se[:, 0]) ** 2 + TINY)  # an exact 0 would be dropped from the pattern
+    lo = np.repeat(np.arange(p, dtype=np.int32), np.diff(flow.indptr))
+    return lo, flow.indices.astype(np.int32), flow.data, squared.data
+
+
+def _outside(raw: FormFactors, area: F64, weight: F64) -> tuple[I32, I32, F64, F32, F32]:
+    """Rows, columns, flows, variances and squared errors of what goes to sky and absorbed columns."""
+    row = np.repeat(np.arange(raw.rows, dtype=np.int32), np.diff(raw.indptr))
+    at = np.flatnonzero(raw.columns >= raw.rows)
+    row, column = row[at], raw.columns[at]
+    x = area[row] * raw.values[at, 0]
+    return row, column, x, (x / weight[row]).astype(np.float32), ((area[row] * raw.se[at, 0]) ** 2).astype(np.float32)
+
+
+def rounding_defect(f: Flows, area: F64) -> float:
+    """Reciprocity defect that is left when rows hold A_i F_ij / A_i in single precision."""
+    other = f.lo != f.hi
+    x, lo, hi = f.x[other], area[f.lo[other]], area[f.hi[other]]
+    seen = [a * (x / a).astype(np.float32) for a in (lo, hi)]
+    total = float(seen[0].sum() + seen[1].sum() + f.x[~other].sum())
+    return 2.0 * float(np.abs(seen[0] - seen[1]).sum()) / total if total > 0.0 else 0.0
 
 
 def rows_of_flows(f: Flows, area: F64, like: FormFactors) -> FormFactors:
     """Rows of form factors; ray counts and back shares as those of `like`."""
     p = len(area)
-    upper = sparse.csr_array((np.arange(1, len(f.lo) + 1), f.hi, f.pointers(p)), shape=(p, p))
-    lower = upper.T.tocsr()
-    lower.data[np.repeat(np.arange(p), np.diff(lower.indptr)) == lower.indices] = 0  # the diagonal is in `upper`
-    lower.eliminate_zeros()
-    out_pointers = np.searchsorted(f.out_row, np.arange(p + 1))
-    lengths = [np.diff(q) for q in (lower.indptr, upper.indptr, out_pointers)]
-    indptr = np.concatenate([[0], np.cumsum(sum(lengths))]).astype(np.int64)
-    columns, number = np.empty(indptr[-1], dtype=np.int32), np.empty(indptr[-1], dtype=np.int64)
-    begin = indptr[:-1]
+    upper = f.pointers(p)
+    turned = sparse.csr_array((np.arange(1, len(f.lo) + 1, dtype=np.int32), f.hi, upper), shape=(p, p)).T.tocsr()
+    turned.data[np.repeat(np.arange(p), np.diff(turned.indptr)) == turned.indices] = 0  # the diagonal is in `upper`
+    turned.eliminate_zeros()
+    below = turned.data - 1
     parts = (
-        (lower.indices, lower.data - 1, lower.indptr),
-        (upper.indices, upper.data - 1, upper.indptr),
-        (f.out_column, len(f.lo) + np.arange(len(f.out_row)), out_pointers),
+        (turned.indptr, turned.indices, f.x[below], f.spread[below]),
+        (upper, f.hi, f.x, f.spread),
+        (np.searchsorted(f.out_row, np.arange(p + 1)), f.out_column, f.out_x, f.out_spread),
     )
-    for (column, source, pointers), length in zip(parts, lengths, strict=True):
+    lengths = sum(np.diff(pointers).astype(np.int64) for pointers, *_ in parts)
+    indptr = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(lengths)])
+    columns = np.empty(indptr[-1], dtype=np.int32)
+    values, se = np.empty((indptr[-1], 1), dtype=np.float32), np.empty((indptr[-1], 1), dtype=np.float32)
+    begin = indptr[:-1]
+    for pointers, column, x, spread in parts:
+        length = np.diff(pointers)
         at = np.repeat(begin - pointers[:-1], length) + np.arange(len(column))
-        columns[at], number[at] = column, source
+        scale = np.repeat(area, length)
+        columns[at], values[at, 0], se[at, 0] = column, x / scale, np.sqrt(spread) / scale
         begin = begin + length
-    row = np.repeat(np.arange(p), np.diff(indptr))
-    values = np.concatenate([f.x, f.out_x])[number] / area[row]
-    se = np.sqrt(np.concatenate([f.spread, f.out_spread])[number]) / area[row]
-    return FormFactors(
-        indptr, columns, values.astype(np.float32)[:, None], like.patches, like.back_share, like.rays,
-        se.astype(np.float32)[:, None],
-    )  # fmt: skip
+    return FormFactors(indptr, columns, values, like.patches, like.back_share, like.rays, se)

@@ -81,10 +81,10 @@ def hybrid_form_factors(
     found = _exchanges(build_blockers(cells_of(g.vertices, g.faces)), cells, g.scale, progress)
     open_, rays = _shares(g, p, cells, found, noise, seed)
     of_rays, reciprocity = flows_of_rays(raw, p.area)
-    flows = _flows(p, cells, found, open_, of_rays)
+    averaged = _flows(p, cells, found, open_, of_rays), reciprocity
     closure = float(np.abs(raw.matrix().sum(axis=1) - 1.0).max(initial=0.0))
     clear, blocked, mixed = (int((found.code == c).sum()) for c in (CLEAR, BLOCKED, MIXED))
-    return Hybrid(reconcile_flows(flows, p.area, raw, reciprocity, closure), clear, blocked, mixed, rays)
+    return Hybrid(reconcile_flows(averaged, p.area, raw, closure), clear, blocked, mixed, rays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +184,7 @@ def _flows(p: Patches, cells: Cells, found: _Exchanges, share: tuple[F64, F64], 
     pair = pair.reshape(-1)
     # A bent patch sees itself: both directions of such a pair are flows from it to itself.
     twice = np.where(owner[:, 0] == owner[:, 1], 2.0, 1.0) * found.x
-    x, spread = (np.bincount(pair, w, len(key)).astype(np.float64) for w in (twice * share[0], (twice * share[1]) ** 2))
-    return rays._replace(
-        lo=key // p.count, hi=key % p.count, x=x, variance=np.where(x > 0.0, spread, 0.0), spread=spread
-    )
+    x = np.bincount(pair, twice * share[0], len(key)).astype(np.float64)
+    spread = np.bincount(pair, (twice * share[1]) ** 2, len(key)).astype(np.float32)
+    lo, hi = (key // p.count).astype(np.int32), (key % p.count).astype(np.int32)
+    return rays._replace(lo=lo, hi=hi, x=x, variance=spread, spread=spread)

@@ -6,6 +6,7 @@ u(2), u(3) the origin; they come from the low-discrepancy points of `low_discrep
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -121,6 +122,14 @@ def patch_receivers(g: Geometry, p: Patches) -> AreaReceivers:
     corners = element_corners(g, p.cuts, p.first_element, triangle, element)
     begin = np.searchsorted(patch, np.arange(p.count + 1))
     return area_receivers(g, corners, sign[:, None] * g.normals[triangle], begin[:-1], begin[1:])
+
+
+def some_of(receivers: AreaReceivers, rows: I64) -> AreaReceivers:
+    """Only these receivers (R,), numbered anew."""
+    import mitsuba as mi
+
+    run = np.array(receivers.run).reshape(-1, 2)[rows]
+    return dataclasses.replace(receivers, count=len(rows), run=mi.UInt32(np.ascontiguousarray(run).ravel()))
 
 
 def patch_elements(p: Patches) -> tuple[I64, F64, I64]:

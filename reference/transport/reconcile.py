@@ -22,7 +22,8 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
 from ..datatypes import F64
-from .flows import Flows, flows_of_rays, row_sums, rows_of_flows
+from ..sky import SKY_BINS
+from .flows import Flows, flows_of_rays, rounding_defect, row_sums, rows_of_flows
 from .form_factors import FormFactors
 
 CLOSURE = 1e-9  # of a row, before rounding to float32
@@ -49,21 +50,21 @@ def reconcile(raw: FormFactors, area: F64) -> Reconciled:
         raise ValueError(
             f"expected one row for each of {raw.patches} patches and areas, got {raw.rows} and {len(area)}"
         )
-    flows, defect = flows_of_rays(raw, area)
     raw_closure = float(np.abs(raw.matrix().sum(axis=1) - 1.0).max(initial=0.0))
-    return reconcile_flows(flows, area, raw, defect, raw_closure)
+    return reconcile_flows(flows_of_rays(raw, area), area, raw, raw_closure)
 
 
-def reconcile_flows(
-    flows: Flows, area: F64, raw: FormFactors, raw_reciprocity: float, raw_closure: float
-) -> Reconciled:
-    """Close flows that are reciprocal already. raw: where ray counts and back shares come from."""
+def reconcile_flows(averaged: tuple[Flows, float], area: F64, raw: FormFactors, raw_closure: float) -> Reconciled:
+    """Close flows that are reciprocal already. averaged: they, and the reciprocity defect they had. raw: where ray counts
+    and back shares come from."""
+    flows, raw_reciprocity = averaged
+    del averaged  # what is replaced below shall not be kept
     symmetric = float(np.abs(row_sums(flows, len(area)) / area - 1.0).max(initial=0.0))
-    rows = rows_of_flows(closed(flows, area), area, raw)
-    final, defect = flows_of_rays(rows, area)
-    del final
-    closure = float(np.abs(rows.matrix().astype(np.float64).sum(axis=1) - 1.0).max(initial=0.0))
-    return Reconciled(rows, raw_reciprocity, raw_closure, symmetric, defect, closure)
+    flows = closed(flows, area)
+    rows = rows_of_flows(flows, area, raw)
+    whole = rows.matrix() @ np.ones(rows.patches + SKY_BINS + 1)  # in double precision
+    closure = float(np.abs(whole - 1.0).max(initial=0.0))
+    return Reconciled(rows, raw_reciprocity, raw_closure, symmetric, rounding_defect(flows, area), closure)
 
 
 def closed(flows: Flows, area: F64) -> Flows:

@@ -1,11 +1,20 @@
-"""Patches: areas, clustering, two sides, sampling."""
+"""Patches: areas, clustering, two sides, textures, sampling."""
 
 from __future__ import annotations
+
+import dataclasses
+import math
 
 import numpy as np
 import pytest
 from lightgauge.reference.directions import rotate, rotations, sobol
-from lightgauge.reference.transport.patches import _coprime, auto_patch_size, surface_samples
+from lightgauge.reference.transport.patches import (
+    _coprime,
+    auto_patch_size,
+    build_patches,
+    exitance_of,
+    surface_samples,
+)
 from lightgauge.reference.visibility import build_geometry
 from small_scenes import box, grid_quad, material, quad, scene, sphere_mesh, surfaces
 
@@ -91,6 +100,73 @@ def test_texture_becomes_the_mean_albedo() -> None:
     np.testing.assert_allclose(p.albedo[right, 0], 1.0)
     np.testing.assert_allclose(p.albedo[top, 1], 1.0)
     np.testing.assert_allclose(p.albedo[p.centroid[:, 0] < 0.4, 0], 0.0)
+
+
+def test_emission_texture_becomes_the_mean_exitance() -> None:
+    """A picture of which the left half shines red, the lower half green: exitance is π × radiance × its mean over each patch, and
+    the whole is that of the picture. Only the mesh's own emission counts, only the front shines, albedo stays."""
+    picture = np.zeros((8, 8, 3), np.float32)
+    picture[:, :4, 0] = 2.0
+    picture[4:, :, 1] = 0.5
+    uvs = np.float32([[0, 0], [1, 0], [1, 1], [0, 1]])
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
+    sign = quad(corners, uvs=uvs, emission=(3.0, 3.0, 3.0))
+    unlit = quad(corners + np.array([2.0, 0, 0]), uvs=uvs)
+    _, p = surfaces(scene([sign, unlit], [material(0.3, two_sided=True, emission_texture=picture)]), 0.125)
+    front = p.exitance[: p.front]
+    np.testing.assert_allclose(p.area[: p.front] @ front, math.pi * 3.0 * np.array([1.0, 0.25, 0.0]), rtol=0.03)
+    own = p.centroid[: p.front, 0] < 1.5
+    left, low = p.centroid[: p.front, 0] < 0.4, p.centroid[: p.front, 1] < 0.4
+    np.testing.assert_allclose(front[left, 0], 6.0 * math.pi, rtol=1e-6)
+    np.testing.assert_allclose(front[own & low, 1], 1.5 * math.pi, rtol=1e-6)
+    assert not front[own & (p.centroid[: p.front, 0] > 0.6), 0].any() and not front[~own].any()
+    assert not p.exitance[p.front :].any() and not p.engine_exitance.any()
+    np.testing.assert_allclose(p.albedo, 0.3)
+    np.testing.assert_array_equal(p.emitter[: p.front], np.where(own, 0, -1))
+    np.testing.assert_allclose(p.shine[: p.front][own], front[own] / (3.0 * math.pi), rtol=1e-6)
+
+
+def test_emission_follows_new_lights() -> None:
+    """Exitance of the same patches under another emission of their mesh."""
+    lamp, wall = quad(FLOOR, emission=(1, 2, 3)), quad(np.array(FLOOR) + np.array([0, 1, 0]), emission=5.0, engine=True)
+    s = scene([lamp, wall])
+    _, p = surfaces(s, 0.8)
+    for was, now in zip((p.exitance, p.engine_exitance), exitance_of(s.meshes, p.emitter, p.shine), strict=True):
+        np.testing.assert_array_equal(was, now)
+    other = [dataclasses.replace(m, emission=m.emission * 2.0, engine_lit=False) for m in s.meshes]
+    exitance, engine = exitance_of(other, p.emitter, p.shine)
+    np.testing.assert_allclose(exitance, 2.0 * (p.exitance + p.engine_exitance))
+    assert not engine.any()
+
+
+@pytest.mark.parametrize("scale, shift", [(1e-4, 0.0), (1e4, 0.0), (1 / 3, 0.0), (1.0, 1e4), (0.1, -3e3)])
+def test_neither_scale_nor_place_changes_the_patches(scale: float, shift: float) -> None:
+    """Sizes that divide edges and places evenly, where rounding could fall either way; slopes of 45° and 1 : 3."""
+    ridge = quad([[0, 1, 0], [1.5, 2.5, 0], [1.5, 2.5, 2], [0, 1, 2]])
+    roof = quad([[0, 3, 0], [0, 3, 2], [3, 4, 2], [3, 4, 0]])
+    meshes = [quad(FLOOR), ridge, roof, box((1, 0, 0.5), (1.6, 0.8, 1.1), inward=False)]
+    for size in (0.1, 0.25, 0.4, 0.6):
+        _, p = surfaces(scene(meshes), size)
+        moved = [dataclasses.replace(m, vertices=scale * (m.vertices + shift)) for m in meshes]
+        _, q = surfaces(scene(moved), scale * size)
+        np.testing.assert_array_equal(q.key, p.key)
+        np.testing.assert_array_equal(q.element_patch, p.element_patch)
+        np.testing.assert_allclose(q.area, scale**2 * p.area, rtol=1e-7)
+
+
+def test_a_cut_patch_becomes_four_and_others_stay() -> None:
+    """Away from borders with elements of another size, keys and areas of the others are what they were."""
+    s = scene([quad([[0, 0, 0], [0, 0, 2], [2, 0, 2], [2, 0, 0]]), box((5, 0, 0), (6, 1, 1))])
+    g = build_geometry(s)
+    p = build_patches(s, g, 0.5)
+    chosen = p.key[np.flatnonzero(p.centroid[: p.front, 0] < 4.0)[[5]]]
+    q = build_patches(s, g, 0.5, [chosen])
+    of = (q.key[:, 0] == 1) & (q.key[:, 3:] // 2 == chosen[0, 3:]).all(axis=1)
+    assert of.sum() == 4 and (q.key[~of, 0] == 0).all() and len(q.key) == len(p.key) + 3
+    assert q.area[: q.front][of].sum() == pytest.approx(0.25, rel=0.2)
+    room = p.centroid[: p.front, 0] > 4.0
+    np.testing.assert_array_equal(q.area[: q.front][q.centroid[: q.front, 0] > 4.0], p.area[: p.front][room])
+    assert q.area.sum() == pytest.approx(p.area.sum(), rel=1e-12)
 
 
 def test_samples_are_uniform_over_a_patch() -> None:
