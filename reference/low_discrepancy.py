@@ -20,6 +20,7 @@ from .variant import ensure_variant
 DIMENSIONS = 4
 BITS = 32
 _GOLDEN = 0x9E3779B9
+_PER_DIMENSION = (0x2C1B3C6D, 0x297A2D39, 0x7FEB352D, 0x846CA68B)
 # (coefficients of the primitive polynomial, first direction integers m_k) of dimensions 2, 3, 4.
 _POLYNOMIALS = (((0, 1), (1,)), ((1, 2), (1, 3)), ((1, 3), (1, 3, 1)))
 
@@ -77,7 +78,10 @@ def scrambled(table: SobolTable, index: Any, seed: Any, dimension: int) -> Any:
     import mitsuba as mi
 
     x = dr.gather(mi.UInt32, table.reversed_bits[dimension], index)
-    x = laine_karras(x, mixed(seed + (_GOLDEN * (dimension + 1) & 0xFFFFFFFF)))
+    # One well-mixed seed serves all dimensions. Its low bits decide the coarsest cells, and an odd multiplier alone leaves the
+    # lowest as it is, the same in every dimension: the shift brings down high bits, which depend on the multiplier.
+    own = seed * _PER_DIMENSION[dimension]
+    x = laine_karras(x, (own ^ (own >> 15)) * 0xD35A2D97)
     return mi.Float(dr.brev(x) >> 8) * (1.0 / (1 << 24))
 
 

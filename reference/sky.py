@@ -33,13 +33,18 @@ def sky_radiance(sky: Sky, directions: npt.NDArray[np.floating]) -> F64:
     height, width = sky.image.shape[:2]
     u = np.arctan2(x, -z) / (2.0 * math.pi) * width - 0.5
     v = np.arccos(np.clip(d[:, 1], -1.0, 1.0)) / math.pi * (height - 1)  # first and last row lie at the poles
+    return _bilinear(sky.image, u, v)
+
+
+def _bilinear(table: npt.NDArray[np.floating], u: F64, v: F64) -> F64:
+    """table (H, W, C) at columns u, which repeat, and rows v: (N, C)."""
+    height, width = table.shape[:2]
     u0, v0 = np.floor(u), np.floor(v)
     fu, fv = (u - u0)[:, None], (v - v0)[:, None]
     c0, c1 = (u0.astype(int) % width), ((u0.astype(int) + 1) % width)
     r0, r1 = np.clip(v0.astype(int), 0, height - 1), np.clip(v0.astype(int) + 1, 0, height - 1)
-    i = sky.image
-    top = i[r0, c0] * (1 - fu) + i[r0, c1] * fu
-    bottom = i[r1, c0] * (1 - fu) + i[r1, c1] * fu
+    top = table[r0, c0] * (1 - fu) + table[r0, c1] * fu
+    bottom = table[r1, c0] * (1 - fu) + table[r1, c1] * fu
     return np.asarray(top * (1 - fv) + bottom * fv, dtype=np.float64)
 
 
@@ -69,29 +74,36 @@ def _row_weights(sky: Sky) -> F64:
 def sample_sky(sky: Sky, xi: npt.NDArray[np.floating]) -> tuple[F64, F64]:
     """Directions (N, 3) towards the sky from uniform `xi` (N, 2), and their density (N,), sr⁻¹.
 
-    Density follows the mean luminance of the four texels that a cell of bilinear reading lies between, so it is zero only
-    where the sky is black (Pharr, Jakob and Humphreys 2016, "Physically Based Rendering", 14.2.4).
+    Bilinear reading is a sum of one hat a texel. A texel is chosen by its power, then a point by its hat: the density follows
+    the luminance itself, but for the sine within a row, so a sun is sampled almost without spread.
     """
-    luminance = sky.image.mean(axis=2).astype(np.float64)
-    height, width = luminance.shape
-    fine = height - 1 if height > 1 else 1
-    theta_edges = np.arange(fine + 1) / fine * math.pi
-    cell = 0.25 * (luminance + np.roll(luminance, -1, axis=1))
-    cell = cell[:-1] + cell[1:] if height > 1 else 2.0 * cell
-    mass = cell * (-np.diff(np.cos(theta_edges)))[:, None] * (2.0 * math.pi / width)
+    height, width = sky.image.shape[:2]
+    mass = sky.image.mean(axis=2).astype(np.float64) * _row_weights(sky)[:, None]
     upto = np.cumsum(mass.ravel())
     target = xi[:, 0].astype(np.float64) * upto[-1]
     pick = np.minimum(np.searchsorted(upto, target, side="right"), len(upto) - 1)
-    row, column = pick // width, pick % width
     within = np.clip((target - (upto[pick] - mass.ravel()[pick])) / mass.ravel()[pick], 0.0, 1.0)
-    phi = (column + 0.5 + within) / width * 2.0 * math.pi
-    low, high = np.cos(theta_edges[row]), np.cos(theta_edges[row + 1])
-    y = low + xi[:, 1] * (high - low)
-    r = np.sqrt(np.maximum(0.0, 1.0 - y * y))
+    u = pick % width + _hat(within)
+    if height == 1:
+        v, y = np.zeros(len(pick)), 1.0 - 2.0 * xi[:, 1].astype(np.float64)
+        texel = np.full(len(pick), 2.0 * 2.0 * math.pi / width)
+    else:
+        v = np.abs(pick // width + _hat(xi[:, 1].astype(np.float64)))  # hats at the poles are folded
+        v = np.minimum(v, 2.0 * (height - 1) - v)
+        mass[[0, -1]] *= 2.0
+        theta = v / (height - 1) * math.pi
+        y = np.cos(theta)
+        texel = np.maximum(np.sin(theta), np.finfo(np.float32).tiny) * math.pi / (height - 1) * 2.0 * math.pi / width
+    density = _bilinear(mass[..., None], u, v)[:, 0] / upto[-1] / texel
+    phi, r = (u + 0.5) / width * 2.0 * math.pi, np.sqrt(np.maximum(0.0, 1.0 - y * y))
     x, z = r * np.sin(phi), -r * np.cos(phi)
     a = math.radians(sky.rotation_deg)
-    turned = np.stack([math.cos(a) * x + math.sin(a) * z, y, -math.sin(a) * x + math.cos(a) * z], axis=1)
-    return turned, cell.ravel()[pick] / upto[-1]
+    return np.stack([math.cos(a) * x + math.sin(a) * z, y, -math.sin(a) * x + math.cos(a) * z], axis=1), density
+
+
+def _hat(xi: F64) -> F64:
+    """Numbers in -1 … 1 with density 1 - |x| from uniform ones (N,)."""
+    return np.where(xi < 0.5, np.sqrt(2.0 * xi) - 1.0, 1.0 - np.sqrt(2.0 * np.maximum(1.0 - xi, 0.0)))
 
 
 def bin_of(directions: npt.NDArray[np.floating]) -> I32:

@@ -6,6 +6,7 @@ The plain twin is `accumulate_plain`.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,10 @@ from ..sh import COEFFICIENTS, Y0, Y1
 from ..visibility import Geometry
 from .hits import DevicePatches, columns_of_rays
 from .receivers import Receivers
+
+
+THREADS = 2
+RAYS_PER_PART = 1 << 18  # what is sorted and counted at once stays in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +81,50 @@ def launch_batch(
 
 
 def finish_batch(t: Traced) -> Batch:
-    """Sort and sum a traced batch."""
+    """Sort and sum a traced batch, rows shared out between threads: NumPy sorts without the interpreter's lock."""
     keys = np.array(t.keys).reshape(len(t.rows), t.rays)
+    step = max(1, RAYS_PER_PART // t.rays)
+    parts = [keys[i : i + step] for i in range(0, len(keys), step)]
+    with ThreadPoolExecutor(THREADS) as pool:
+        found = list(pool.map(lambda part: _runs(t, part), parts))
+    lengths, columns = (np.concatenate([f[k] for f in found]) for k in (0, 1))
+    if t.directions is None:
+        values, se = (np.concatenate([f[k] for f in found])[:, None] for k in (2, 3))
+    else:
+        starts = np.concatenate([f[4] + n * step * t.rays for n, f in enumerate(found)])
+        values, se = _sum_runs(t, starts, keys)
+    return Batch(t.rows, lengths, columns, values, se, np.array(t.back_share, dtype=np.float64))
+
+
+def _runs(t: Traced, keys: npt.NDArray[np.unsignedinteger]) -> tuple[I64, I32, F32, F32, I64]:
+    """Runs of equal columns of some rows: entries per row, columns, share of the rays and its standard error, starts.
+
+    s² of a sum of M replicate counts x_r: M/(M-1) (Σ x_r² - (Σ x_r)²/M), exact in integers.
+    """
     keys.sort(axis=1)
-    columns = keys >> np.asarray(t.rays.bit_length() - 1, keys.dtype)
-    first = np.ones(columns.shape, dtype=np.bool_)
-    np.not_equal(columns[:, 1:], columns[:, :-1], out=first[:, 1:])
-    starts = np.flatnonzero(first)
-    values, se = _sum_runs(t, starts, keys)
-    found = columns.ravel()[starts].astype(np.int32)
-    return Batch(t.rows, np.count_nonzero(first, axis=1), found, values, se, np.array(t.back_share, dtype=np.float64))
+    column = keys >> np.asarray(t.rays.bit_length() - 1, keys.dtype)
+    new = _changes(column)
+    starts = np.flatnonzero(new)
+    lengths, columns = np.count_nonzero(new, axis=1), column.ravel()[starts].astype(np.int32)
+    if t.directions is not None:
+        return lengths, columns, np.zeros(0, np.float32), np.zeros(0, np.float32), starts
+    m = t.replicates
+    part_starts = np.flatnonzero(_changes(keys >> np.asarray((t.rays // m).bit_length() - 1, keys.dtype)))
+    upto = np.cumsum(np.diff(part_starts, append=keys.size) ** 2)
+    last = np.append(np.flatnonzero(new.ravel()[part_starts])[1:], len(upto)) - 1
+    squares = np.diff(upto[last], prepend=0)
+    counts = np.diff(starts, append=keys.size)
+    spread = (m * squares - counts * counts).astype(np.float32)
+    scale = np.float32(t.weight / t.rays)
+    se = np.sqrt(spread) * np.float32(scale / np.sqrt(m - 1.0))
+    return lengths, columns, counts.astype(np.float32) * scale, se, starts
+
+
+def _changes(values: npt.NDArray[np.unsignedinteger]) -> npt.NDArray[np.bool_]:
+    """Where a row's value is another than the one before it; true at the start of rows."""
+    new = np.ones(values.shape, dtype=np.bool_)
+    np.not_equal(values[:, 1:], values[:, :-1], out=new[:, 1:])
+    return new
 
 
 def _sum_runs(t: Traced, starts: I64, keys: npt.NDArray[np.unsignedinteger]) -> tuple[F32, F32]:

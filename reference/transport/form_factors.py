@@ -137,7 +137,9 @@ def _assembled(batches: list[Batch], rays: I64, patches: int, k: int) -> FormFac
     values, se = np.empty((indptr[-1], k), dtype=np.float32), np.empty((indptr[-1], k), dtype=np.float32)
     while batches:
         b = batches.pop()
-        shift = indptr[b.rows] - (np.cumsum(b.lengths) - b.lengths)
-        at = np.repeat(shift, b.lengths) + np.arange(len(b.columns))
+        at: slice | I64 = slice(indptr[b.rows[0]], indptr[b.rows[-1] + 1])
+        if b.rows[-1] - b.rows[0] + 1 != len(b.rows):  # not neighbours: other rows lie between
+            shift = indptr[b.rows] - (np.cumsum(b.lengths) - b.lengths)
+            at = np.repeat(shift, b.lengths) + np.arange(len(b.columns))
         columns[at], values[at], se[at] = b.columns, b.values, b.se
     return FormFactors(indptr, columns, values, patches, back, np.array(rays), se)

@@ -28,7 +28,7 @@ from .visible_share import upload_cells, visible_share
 
 MAX_CELLS = 8000
 PAIRS_PER_BATCH = 1 << 20
-PILOT = 32
+PILOT = 16
 MOST = 1 << 16
 GROUP = 4.0  # cells of typical size to the edge of a group
 

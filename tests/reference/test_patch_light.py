@@ -11,7 +11,6 @@ import numpy.typing as npt
 import pytest
 from lightgauge.reference.config import SceneSettings
 from lightgauge.reference.datatypes import Scene, Sky
-from lightgauge.reference.directions import fibonacci_sphere
 from lightgauge.reference.pipeline import bake_surfaces, light_patches
 from lightgauge.reference.progress import silent
 from lightgauge.reference.sky import sky_radiance, split_peaks
@@ -102,8 +101,8 @@ def test_repeats_whatever_the_batch(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_patches_near_a_lamp_take_its_light_through_their_form_factors() -> None:
-    """Unit squares 1 cm apart: F = 0.9806 (Howell C-11 at a tenth of the edge: 0.8270; at a hundredth 0.9806). From 64 points
-    of the lamp for 64 of the square the error is heavy-tailed; with rows it is that of the rays. Other patches keep theirs."""
+    """Unit squares 1 cm apart: F = 0.98063 (Howell C-11). Of 64 pairs of points hardly one is as near as it would have to be;
+    with rows the error is that of the rays. Other patches keep theirs."""
     gap = 0.01
     floor = quad([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     far = quad([[0, 0, -3], [1, 0, -3], [1, 1, -3], [0, 1, -3]], mat=1)
@@ -120,7 +119,7 @@ def test_patches_near_a_lamp_take_its_light_through_their_form_factors() -> None
         others = np.arange(p.count) != near
         np.testing.assert_array_equal(with_rows[others], without[others])
     sampled, gathered = np.sqrt((np.array(errors) ** 2).mean(axis=0))
-    assert gathered < 2e-3 < 0.05 < sampled, (gathered, sampled)
+    assert gathered < 5e-3 and sampled > 0.1, (gathered, sampled)
 
 
 # Suns in image skies
@@ -134,15 +133,27 @@ def sky_with_sun(
     return Sky(picture, rotation, False)
 
 
-def sun_of(sky: Sky) -> tuple[Array, float]:
-    """Direction to the brightest texel, and the solid angle of a texel there (bilinear: the integral of its hat)."""
+def sun_of(sky: Sky) -> Array:
+    """Direction (3,) to the brightest texel."""
     height, width = sky.image.shape[:2]
     row, column = np.unravel_index(sky.image.sum(axis=2).argmax(), (height, width))
-    theta, phi = math.pi * row / (height - 1), (column + 0.5) / width * 2 * math.pi
-    x, z = math.sin(theta) * math.sin(phi), -math.sin(theta) * math.cos(phi)
+    return turned(sky, np.array([math.pi * row / (height - 1)]), np.array([(column + 0.5) / width * 2 * math.pi]))[0]
+
+
+def turned(sky: Sky, theta: Array, phi: Array) -> Array:
+    x, z = np.sin(theta) * np.sin(phi), -np.sin(theta) * np.cos(phi)
     a = math.radians(sky.rotation_deg)
-    direction = np.array([math.cos(a) * x + math.sin(a) * z, math.cos(theta), -math.sin(a) * x + math.cos(a) * z])
-    return direction, math.sin(theta) * (math.pi / (height - 1)) * (2 * math.pi / width)
+    return np.stack([math.cos(a) * x + math.sin(a) * z, np.cos(theta), -math.sin(a) * x + math.cos(a) * z], axis=1)
+
+
+def irradiance_of(sky: Sky, normal: Array) -> Array:
+    """∫ L cos dω (3,) by the midpoint rule on 8 × 8 points a texel."""
+    height, width = sky.image.shape[:2]
+    theta = (np.arange(8 * (height - 1)) + 0.5) / (8 * (height - 1)) * math.pi
+    phi = (np.arange(8 * width) + 0.5) / (8 * width) * 2 * math.pi
+    d = turned(sky, np.repeat(theta, len(phi)), np.tile(phi, len(theta)))
+    weight = np.repeat(np.sin(theta), len(phi)) * np.maximum(d @ normal, 0.0) * (2 * math.pi**2 / len(theta) / len(phi))
+    return np.asarray(weight @ sky_radiance(sky, d))
 
 
 def tilted(degrees: float) -> Array:
@@ -150,31 +161,28 @@ def tilted(degrees: float) -> Array:
     return np.array(FLOOR, float) @ np.array([[math.cos(a), math.sin(a), 0], [-math.sin(a), math.cos(a), 0], [0, 0, 1]])
 
 
-@pytest.mark.parametrize("rotation, tilt", [(0.0, 0.0), (77.0, 0.0), (-150.0, 30.0), (10.0, -40.0)])
+@pytest.mark.parametrize("rotation, tilt", [(0.0, 0.0), (77.0, 0.0), (-150.0, 30.0), (10.0, -20.0), (200.0, 60.0)])
 def test_a_sun_of_one_texel(rotation: float, tilt: float) -> None:
-    """E = L × solid angle × cos, of what exceeds the smooth sky: over 64 patches of 64 points each, the mean within 4 of its own
-    standard errors or a thousandth (the cosine changes over the texel's width, by up to 3 %, and so the spread is under 3 %)."""
+    """E = ∫ L cos dω of what exceeds the smooth sky (L × solid angle × cos, but for the texel's width): 64 patches of 64 points
+    each. The cosine changes over that width by up to 5 %: so the patches spread, by under 0.5 %; the mean holds to 0.1 %."""
     sky = sky_with_sun(14, 100, 400.0, rotation)
     s = scene([quad(tilted(tilt))], sky=sky)
     g, p = surfaces(s, 1.0)
     e = direct_on_patches(s, g, p, 64, 1, silent)
-    direction, solid = sun_of(sky)
-    cosine = float(p.normal[0] @ direction)
     excess = split_peaks(sky)[1]
     assert excess is not None
-    exact = excess.image.max(axis=(0, 1)) * solid * max(cosine, 0.0)
-    assert cosine < 0.0 or cosine > 0.2
-    np.testing.assert_allclose(
-        e.mean(axis=0), exact, rtol=max(1e-3, 4 * float(e[:, 0].std() / 8 / max(exact[0], 1e-9))), atol=1e-12
-    )
-    assert e[:, 0].std() <= 0.03 * exact[0]
+    exact, cosine = irradiance_of(excess, p.normal[0]), float(p.normal[0] @ sun_of(sky))
+    solid = math.sin(math.pi * 14 / 63) * math.pi / 63 * 2 * math.pi / 128
+    np.testing.assert_allclose(exact, excess.image.max(axis=(0, 1)) * solid * max(cosine, 0.0), rtol=3e-3)
+    np.testing.assert_allclose(e.mean(axis=0), exact, rtol=1e-3, atol=1e-12)
+    assert abs(cosine) > 0.1 and e[:, 0].std() <= 5e-3 * exact[0]
 
 
 def test_a_sun_casts_a_sharp_shadow() -> None:
     """A lid 1 m above the floor: its border's shadow lies where the sun's direction says, and the half shadow is no wider than the
     texel and its neighbours' hats (two texels: 5.7°, 0.13 m at this height)."""
     sky = sky_with_sun(14, 96, 3000.0)
-    direction, _ = sun_of(sky)
+    direction = sun_of(sky)
     lid = quad([[-9, 1, -9], [0, 1, -9], [0, 1, 9], [-9, 1, 9]], mat=1)
     s = scene([quad(FLOOR), lid], [material(), material()], sky=sky)
     g, p = surfaces(s, 0.1)
@@ -184,8 +192,9 @@ def test_a_sun_casts_a_sharp_shadow() -> None:
     lit = np.median(e[x > border + 0.4])
     assert not e[x < border - 0.2].any() and lit > 0.1
     np.testing.assert_allclose(e[x > border + 0.2], lit, rtol=0.02)
+    assert p.area[floor] @ e / lit / 8.0 == pytest.approx(4.0 - border, abs=0.005)
     half = x[(e > 0.02 * lit) & (e < 0.98 * lit)]
-    assert abs(half.mean() - border) < 0.02 and half.std() < 0.08
+    assert len(half) > 50 and half.std() < 0.08
 
 
 def test_sun_and_sky_add_up_to_the_whole_sky() -> None:
@@ -194,8 +203,7 @@ def test_sun_and_sky_add_up_to_the_whole_sky() -> None:
     s = scene([quad(FLOOR)], [material(0.0)], sky=sky, radiosity={"patch_size": 1.0, "rays": 4096, "noise": 0.003})
     baked = bake_surfaces(s, 1)
     irradiance = light_patches(s, baked, 1).radiosity.irradiance.mean(axis=0)
-    d = fibonacci_sphere(1 << 20)
-    exact = 4.0 * math.pi * (sky_radiance(sky, d) * np.maximum(d[:, 1:2], 0.0)).mean(axis=0)
+    exact = irradiance_of(sky, np.array([0.0, 1.0, 0.0]))
     np.testing.assert_allclose(irradiance, exact, rtol=3e-3)
 
 

@@ -185,13 +185,13 @@ def test_density_integrates_to_one_and_is_that_of_the_samples(sky: Sky) -> None:
 
 @pytest.mark.parametrize("sky", SKIES)
 def test_density_follows_the_luminance(sky: Sky) -> None:
-    """Mean of L / density is ∫ L dω, and its spread is small: at most the unevenness within one cell of bilinear reading,
-    where random directions would spread as L itself."""
+    """Mean of L / density is ∫ L dω; and L / density hardly spreads: what is left is the sine within a texel's hat, largest in
+    the rows next to a pole, where the picture is wide and short."""
     d, density = sample_sky(sky, sobol(1 << 18, 2, 4))
     radiance = sky_radiance(sky, d).mean(axis=1)
     even = sky_radiance(sky, fibonacci_sphere(1 << 20)).mean(axis=1)
     assert (radiance / density).mean() == pytest.approx(4.0 * math.pi * even.mean(), rel=5e-3)
-    assert (radiance / density).std() / (radiance / density).mean() < 0.75 * max(1.0, even.std() / even.mean())
+    assert (radiance / density).std() / (radiance / density).mean() < (0.12 if len(sky.image) > 9 else 0.5)
 
 
 @pytest.mark.parametrize("rotation", [0.0, 90.0, -120.0])
