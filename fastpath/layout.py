@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..reference.datatypes import F32, I32, VirtualTexture, pre_exposure
+from ..reference.datatypes import F32, I32, VirtualTexture, pre_exposure, weight_ratio
 
 Storage = Literal["float32", "half16", "half8"]
 WEIGHT_STEPS: dict[Storage, int] = {"float32": 1, "half16": 65535, "half8": 255}
@@ -38,10 +38,12 @@ def cache_textures(texture: VirtualTexture, storage: Storage) -> CacheTextures:
     # slot = x + cx (y + cy z) over tiles; a tile's texels are x slowest
     grid = slots.reshape(cz, cy, cx, 3, 3, 3, 13).transpose(0, 5, 1, 4, 2, 3, 6).reshape(3 * cz, 3 * cy, 3 * cx, 13)
     light = np.stack([grid[..., 4 * c : 4 * c + 4] for c in range(3)])
-    light = (light / np.float32(exposure(texture, storage))).astype(LIGHT_TYPE[storage])
     weight = grid[..., 12]
     if storage != "float32":
-        weight = np.round(weight * np.float32(WEIGHT_STEPS[storage]))
+        steps = np.float32(WEIGHT_STEPS[storage])
+        exact, weight = weight, np.round(weight * steps)
+        light = light * weight_ratio((weight / steps).astype(np.float32), exact)[..., None]
+    light = (light / np.float32(exposure(texture, storage))).astype(LIGHT_TYPE[storage])
     return CacheTextures(np.ascontiguousarray(light), np.ascontiguousarray(weight.astype(WEIGHT_TYPE[storage])))
 
 

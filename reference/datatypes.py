@@ -137,6 +137,12 @@ def pre_exposure(texels: F32) -> float:
     return 2.0 ** (math.ceil(math.log2(brightest)) - 15) if brightest > 0.0 else 1.0
 
 
+def weight_ratio(stored: F32, exact: F32) -> F32:
+    """What light is to be multiplied by where a weight is stored rounded: stored / exact, 1 where the weight is 0."""
+    positive = exact > 0.0
+    return np.where(positive, stored / np.where(positive, exact, np.float32(1.0)), np.float32(1.0)).astype(np.float32)
+
+
 @dataclass(frozen=True, eq=False)
 class Samples:
     """irradiance (N, 3) f32 W·m⁻²; level (N,) i32 that answered, 0 where no valid probe was near (irradiance 0);

@@ -21,7 +21,6 @@ from ..visibility import Geometry
 from .hits import DevicePatches, columns_of_rays
 from .receivers import Receivers
 
-
 THREADS = 2
 RAYS_PER_PART = 1 << 18  # what is sorted and counted at once stays in the cache
 

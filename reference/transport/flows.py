@@ -82,8 +82,8 @@ def _both_ways(raw: FormFactors, area: F64) -> tuple[I32, I32, C128, C128]:
             sides.append(sparse.csr_array((unit * values[side], raw.columns[side], pointers), shape=(p, p)))
         return (sides[0].astype(np.complex128) + sides[1].T.tocsr()).tocsr()
 
-    flow = together(area[row] * raw.values[:, 0])
-    squared = together((area[row] * raw.se[:, 0]) ** 2 + TINY)  # an exact 0 would be dropped from the pattern
+    # An exact 0, of a flow that was cut off or an error that there is none of, would be dropped from the pattern.
+    flow, squared = together(area[row] * raw.values[:, 0] + TINY), together((area[row] * raw.se[:, 0]) ** 2 + TINY)
     lo = np.repeat(np.arange(p, dtype=np.int32), np.diff(flow.indptr))
     return lo, flow.indices.astype(np.int32), flow.data, squared.data
 

@@ -187,4 +187,4 @@ def _flows(p: Patches, cells: Cells, found: _Exchanges, share: tuple[F64, F64], 
     x = np.bincount(pair, twice * share[0], len(key)).astype(np.float64)
     spread = np.bincount(pair, (twice * share[1]) ** 2, len(key)).astype(np.float32)
     lo, hi = (key // p.count).astype(np.int32), (key % p.count).astype(np.int32)
-    return rays._replace(lo=lo, hi=hi, x=x, variance=spread, spread=spread)
+    return rays._replace(lo=lo, hi=hi, x=x, variance=np.where(x > 0.0, spread, np.float32(0.0)), spread=spread)

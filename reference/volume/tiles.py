@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..datatypes import F32, I64, Bool, pre_exposure
+from ..datatypes import F32, I64, Bool, pre_exposure, weight_ratio
 from ..lattice import OCTANTS
 from .layout import TEXEL_OFFSETS, TEXELS, TileLayout
 
@@ -59,11 +59,13 @@ def fill_tiles(layout: TileLayout, probes: F32) -> F32:
 
 def stored(texels: F32, storage: Storage) -> F32:
     """What survives a storage format, as f32: `float32` all, `half16` half light and 16-bit unorm weight, `half8` half
-    light and 8-bit unorm weight (the talk's 25 bytes). Half floats hold light divided by `pre_exposure`."""
+    light and 8-bit unorm weight (the talk's 25 bytes). Half floats hold light divided by `pre_exposure`. Light goes with
+    the weight that is stored, so that their quotient, the probe's own light, does not suffer from the weight's rounding."""
     if storage == "float32":
         return texels
     steps = np.float32(65535 if storage == "half16" else 255)
     exposure = np.float32(pre_exposure(texels))
-    light = (texels[..., :12] / exposure).astype(np.float16).astype(np.float32) * exposure
-    weight = np.round(texels[..., 12:] * steps) / steps
-    return np.concatenate([light, weight.astype(np.float32)], axis=-1)
+    weight = (np.round(texels[..., 12:] * steps) / steps).astype(np.float32)
+    light = texels[..., :12] * weight_ratio(weight, texels[..., 12:])
+    light = (light / exposure).astype(np.float16).astype(np.float32) * exposure
+    return np.concatenate([light, weight], axis=-1)

@@ -73,11 +73,11 @@ def test_the_truth_is_consistent(truth: Truth) -> None:
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_hybrid_within_the_budget(truth: Truth, seed: int) -> None:
-    """64 rays from each patch and shadow rays for a noise of 6e-4: 3,960 rays per patch in all. RMS error of the indirect light
+    """64 rays from each patch and shadow rays for a noise of 6.5e-4: 3,700 rays per patch in all. RMS error of the indirect light
     under 1e-3 at every albedo: seen 3.4e-4, 7.3e-5, 7.6e-6. The worst patch, in a corner of a shadow, is not: 1.5e-3 … 3e-3 at
     ρ = 0.5; 3e-4 … 6e-4 and 3e-5 … 6e-5 at the others."""
     raw = patch_form_factors(truth.g, truth.p, 64, seed, silent)
-    found = hybrid_form_factors(truth.g, truth.p, raw, 6e-4, seed, silent)
+    found = hybrid_form_factors(truth.g, truth.p, raw, 6.5e-4, seed, silent)
     assert found.rays / truth.p.count + 64 <= BUDGET
     assert found.laws.reciprocity <= 1e-6 and found.laws.closure <= 1e-6
     errors = {rho: indirect_error(truth, found.laws.rows, rho) for rho in RHO}
