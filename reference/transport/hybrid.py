@@ -15,7 +15,7 @@ from ..datatypes import F64, I64, U32
 from ..progress import Progress
 from ..visibility import Geometry
 from .closed_forms.contour_batch import pair_form_factors
-from .closed_forms.planar_cells import cells_and_faces, cells_of
+from .closed_forms.planar_cells import cell_areas, cells_and_faces, cells_of
 from .closed_forms.polygon_clip import unit_normals
 from .closed_forms.shaft import Blockers, build_blockers, classify
 from .closed_forms.shaft_walk import BLOCKED, CLEAR, MIXED
@@ -30,6 +30,7 @@ MAX_CELLS = 8000
 PAIRS_PER_BATCH = 1 << 20
 PILOT = 16
 MOST = 1 << 16
+NEAR = 0.02  # form factor from which on rays leave by the cosine too
 GROUP = 4.0  # cells of typical size to the edge of a group
 
 
@@ -164,15 +165,19 @@ def _shares(
     mixed = np.flatnonzero(found.code == MIXED)
     if len(mixed) == 0:
         return (share, se), 0
-    device, pairs = upload_cells(g, cells.corners, cells.normals), found.pairs[mixed]
-    pilot, spread = visible_share(g, device, pairs, np.full(len(mixed), PILOT), seed + 1)
-    prior = (pilot * PILOT + 1.0) / (PILOT + 2.0)  # all or nothing seen by few rays is not yet all or nothing
-    area = p.area[cells.patch[pairs]]
-    weight = np.sqrt((1.0 / area**2).sum(axis=1)) * found.x[mixed]
+    device, pairs, area = upload_cells(g, cells.corners, cells.normals), found.pairs[mixed], cell_areas(cells.corners)
+    smaller = area[pairs[:, 1]] < area[pairs[:, 0]] * (
+        1.0 - 1e-9
+    )  # to within rounding, so that no scale turns pairs round
+    pairs = np.where(smaller[:, None], pairs[:, ::-1], pairs)
+    near = found.x[mixed] > NEAR * area[pairs[:, 0]]
+    pilot, spread = visible_share(g, device, pairs, near, np.full(len(mixed), PILOT), seed + 1)
+    prior = (pilot * PILOT + 0.5) / (PILOT + 1.0)  # Jeffreys': all seen by few rays is not yet all
+    weight = np.sqrt((1.0 / p.area[cells.patch[pairs]] ** 2).sum(axis=1)) * found.x[mixed]
     deviation = weight * np.sqrt(np.maximum(prior * (1.0 - prior), PILOT * spread**2))
     exact = deviation * deviation.sum() / (noise**2 * p.count)
     rays = 2 ** np.rint(np.log2(np.clip(exact, PILOT, MOST))).astype(np.int64)
-    share[mixed], se[mixed] = visible_share(g, device, pairs, rays, seed)
+    share[mixed], se[mixed] = visible_share(g, device, pairs, near, rays, seed)
     se[mixed] = np.maximum(se[mixed], 1.0 / (rays + 2.0))  # rule of succession
     return (share, se), int(rays.sum()) + PILOT * len(mixed)
 

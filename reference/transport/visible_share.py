@@ -1,20 +1,26 @@
 """The share of the light between two patches that nothing stops: shadow rays between points of both, weighted with the
-kernel cosθ cosθ' / r². Its estimate is a ratio, so it is exact where all or nothing is seen, and multiplies a closed form."""
+kernel cosθ cosθ' / r². Its estimate is a ratio, so it is exact where all or nothing is seen, and multiplies a closed form.
+
+At common edges the kernel has no finite variance over points chosen by area. Half of the rays of such pairs leave the
+first patch by the cosine instead, and both halves are weighted by the balance heuristic (Veach and Guibas 1995,
+"Optimally combining sampling techniques for Monte Carlo rendering"): no weight then exceeds two.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..datatypes import F64, I64
+from ..datatypes import F64, I64, Bool
 from ..device_arrays import to_f32, to_u32
 from ..low_discrepancy import receiver_seeds, scrambled, sobol_table
 from ..visibility import LIFT, Geometry
 
 REPLICATES = 8
 RAYS_PER_BATCH = 1 << 21
+LEAST_DISTANCE = 1e-9  # in the unit box
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +45,11 @@ def upload_cells(g: Geometry, cells: F64, normals: F64) -> DeviceCells:
     return DeviceCells(tuple(to_f32(x) for x in packed))
 
 
-def visible_share(g: Geometry, cells: DeviceCells, pairs: I64, rays: I64, seed: int) -> tuple[F64, F64]:
+def visible_share(g: Geometry, cells: DeviceCells, pairs: I64, near: Bool, rays: I64, seed: int) -> tuple[F64, F64]:
     """Visible share (N,) of pairs (N, 2) of cells and its standard error (N,), REPLICATES - 1 degrees of freedom.
 
-    rays: (N,) powers of two, at least 2 · REPLICATES.
+    near: (N,) whether the second fills so much of what the first sees that half of the rays shall leave the first by the
+    cosine. rays: (N,) powers of two, at least 2 · REPLICATES.
     """
     share, se = np.zeros(len(pairs)), np.zeros(len(pairs))
     for n in np.unique(rays):
@@ -50,11 +57,13 @@ def visible_share(g: Geometry, cells: DeviceCells, pairs: I64, rays: I64, seed: 
         step = max(1, RAYS_PER_BATCH // int(n))
         for begin in range(0, len(mine), step):
             part = mine[begin : begin + step]
-            share[part], se[part] = _batch(g, cells, pairs[part], part, int(n), seed)
+            share[part], se[part] = _batch(g, cells, pairs[part], near[part], part, int(n), seed)
     return share, se
 
 
-def _batch(g: Geometry, cells: DeviceCells, pairs: I64, number: I64, rays: int, seed: int) -> tuple[F64, F64]:
+def _batch(
+    g: Geometry, cells: DeviceCells, pairs: I64, near: Bool, number: I64, rays: int, seed: int
+) -> tuple[F64, F64]:
     import drjit as dr
     import mitsuba as mi
 
@@ -63,16 +72,20 @@ def _batch(g: Geometry, cells: DeviceCells, pairs: I64, number: I64, rays: int, 
     pair = lane >> dr.opaque(mi.UInt32, rays.bit_length() - 1)
     ray = lane & dr.opaque(mi.UInt32, rays - 1)
     index, replicate = ray & dr.opaque(mi.UInt32, points - 1), ray >> dr.opaque(mi.UInt32, points.bit_length() - 1)
-    name = dr.gather(mi.UInt32, to_u32(number), pair)
+    name, close = (dr.gather(mi.UInt32, to_u32(x), pair) for x in (number, near))
     scramble = receiver_seeds(name, replicate, dr.opaque(mi.UInt32, seed))
-    (a, na), (b, nb) = (
-        _point(cells, dr.gather(mi.UInt32, to_u32(pairs[:, k]), pair),
-               scrambled(table, index, scramble, 2 * k), scrambled(table, index, scramble, 2 * k + 1))
-        for k in range(2)
-    )  # fmt: skip
-    between = b - a
-    squared = dr.squared_norm(between)
+    first, second = (_cell(cells, dr.gather(mi.UInt32, to_u32(pairs[:, k]), pair)) for k in range(2))
+    u = [scrambled(table, index, scramble, k) for k in range(4)]
+    (a, na), nb = (_point(first, u[0], u[1]), first.normal), second.normal
+    direction = mi.Frame3f(mi.Normal3f(na)).to_world(mi.warp.square_to_cosine_hemisphere(mi.Point2f(u[2], u[3])))
+    met, inside = _met(second, a, direction)
+    by_direction = (close == 1) & (index >= dr.opaque(mi.UInt32, points // 2))
+    between = dr.select(by_direction, met, _point(second, u[2], u[3])) - a
+    squared = dr.maximum(dr.squared_norm(between), LEAST_DISTANCE**2)
     kernel = dr.maximum(dr.dot(na, between), 0.0) * dr.maximum(-dr.dot(nb, between), 0.0) / dr.square(squared)
+    by_area = kernel * _area(second) / dr.pi
+    kernel = dr.select(close == 1, by_area / (0.5 + 0.5 * by_area), by_area)
+    kernel = dr.select(by_direction & ~inside, 0.0, kernel)
     distance = dr.sqrt(squared)
     shadow = mi.Ray3f(a, between / distance)
     shadow.maxt = distance * (1.0 - 1e-5)
@@ -85,17 +98,50 @@ def _batch(g: Geometry, cells: DeviceCells, pairs: I64, number: I64, rays: int, 
     return share, np.sqrt((residual**2).sum(axis=1) * REPLICATES / (REPLICATES - 1.0)) / total
 
 
-def _point(cells: DeviceCells, cell: Any, u: Any, v: Any) -> tuple[Any, Any]:
-    """Uniform point of a cell, and its normal."""
+class _Cell(NamedTuple):
+    """Corners of the lanes' cells (four mi.Point3f), unit normal, share of the area in triangle 0 1 2."""
+
+    corner: list[Any]
+    normal: Any
+    share: Any
+
+
+def _cell(cells: DeviceCells, number: Any) -> _Cell:
     import drjit as dr
     import mitsuba as mi
 
-    c = [dr.gather(mi.Vector4f, table, cell) for table in cells.corner]
-    first = u < c[0].w
-    u = dr.clip(dr.select(first, u / c[0].w, (u - c[0].w) / (1.0 - c[0].w)), 0.0, 1.0)
+    c = [dr.gather(mi.Vector4f, table, number) for table in cells.corner]
+    return _Cell([mi.Point3f(k.x, k.y, k.z) for k in c], mi.Vector3f(c[1].w, c[2].w, c[3].w), c[0].w)
+
+
+def _area(c: _Cell) -> Any:
+    import drjit as dr
+
+    diagonal = c.corner[2] - c.corner[0]
+    return 0.5 * sum(dr.norm(dr.cross(c.corner[k] - c.corner[0], diagonal)) for k in (1, 3))
+
+
+def _point(c: _Cell, u: Any, v: Any) -> Any:
+    """Uniform point of a cell."""
+    import drjit as dr
+
+    first = u < c.share
+    u = dr.clip(dr.select(first, u / c.share, (u - c.share) / (1.0 - c.share)), 0.0, 1.0)
     fold = u + v > 1.0
     u, v = dr.select(fold, 1.0 - u, u), dr.select(fold, 1.0 - v, v)
-    origin, p, q = (
-        mi.Point3f(k.x, k.y, k.z) for k in (c[0], dr.select(first, c[1], c[2]), dr.select(first, c[2], c[3]))
-    )
-    return origin + u * (p - origin) + v * (q - origin), mi.Vector3f(c[1].w, c[2].w, c[3].w)
+    origin = c.corner[0]
+    p, q = dr.select(first, c.corner[1], c.corner[2]), dr.select(first, c.corner[2], c.corner[3])
+    return origin + u * (p - origin) + v * (q - origin)
+
+
+def _met(c: _Cell, origin: Any, direction: Any) -> tuple[Any, Any]:
+    """Where a ray meets the plane of a cell, and whether on the front and within the cell."""
+    import drjit as dr
+
+    falling = dr.dot(c.normal, direction)
+    reach = dr.dot(c.normal, c.corner[0] - origin) / falling
+    place = origin + reach * direction
+    inside = (falling < 0.0) & (reach > 0.0)
+    for start, end in zip(c.corner, [*c.corner[1:], c.corner[0]], strict=True):
+        inside &= dr.dot(dr.cross(end - start, place - start), c.normal) >= 0.0
+    return place, inside

@@ -13,6 +13,7 @@ import pytest
 from lightgauge.reference.progress import silent
 from lightgauge.reference.sh import irradiance
 from lightgauge.reference.sky import SKY_BINS
+from lightgauge.reference.transport import accumulate
 from lightgauge.reference.transport import form_factors as ff
 from lightgauge.reference.transport.accumulate import Batch, finish_batch, launch_batch
 from lightgauge.reference.transport.form_factors import REPLICATES, FormFactors, patch_form_factors, probe_form_factors
@@ -331,6 +332,7 @@ def test_results_do_not_depend_on_the_batch_size(monkeypatch: pytest.MonkeyPatch
     whole = all_rows(g, p, kinds)
     for size in (1 << 13, 1000, 1):
         monkeypatch.setattr(ff, "RAYS_PER_BATCH", size)
+        monkeypatch.setattr(accumulate, "RAYS_PER_PART", max(1, size // 3))
         some = {name: r for name, r in kinds.items() if size > 1 or name in ("points", "probes")}
         assert_same(all_rows(g, p, some), whole)
 

@@ -66,7 +66,7 @@ def grouped(rows: FormFactors, column: Array) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_agrees_with_rays_alone(name: str) -> None:
+def test_agrees_with_rays_alone_and_keeps_both_laws(name: str) -> None:
     """49,152 rays in 6 runs of 8 randomisations, 42 degrees of freedom and more, for every entry that 50 of them hit, and the whole
     sky. z of up to 10,000 entries: the largest under 7.5 (t with 42 degrees: 3e-9 each, with all pairs 3e-5); and the mean of z²,
     42/40 where all is well, within 0.8 … 1.25."""
@@ -85,11 +85,10 @@ def test_agrees_with_rays_alone(name: str) -> None:
     assert enough.sum() > 300 and np.abs(z).max() < 7.5, (enough.sum(), np.abs(z).max())
     assert 0.8 < (z**2).mean() < 1.25, (z**2).mean()
     np.testing.assert_allclose(found[:, p.count], values[:, p.count], atol=0.06)
+    assert_both_laws(p, h)
 
 
-@pytest.mark.parametrize("name", SCENES)
-def test_keeps_both_laws(name: str) -> None:
-    _, p, h = made(*SCENES[name])
+def assert_both_laws(p: Patches, h: Hybrid) -> None:
     rows = h.laws.rows
     flow = p.area[:, None] * rows.matrix().toarray()[:, : p.count].astype(np.float64)
     assert np.abs(flow - flow.T).sum() / flow.sum() <= 1e-6 and h.laws.reciprocity <= 1e-6
@@ -164,11 +163,12 @@ def test_fewer_rays_where_less_is_asked() -> None:
 
 @pytest.mark.parametrize("scale, shift", [(1e-4, 0.0), (1.0, 0.0), (1e4, 0.0), (1.0, 1e4), (0.1, -3e3), (0.05, 2e5)])
 def test_any_scale_and_place(scale: float, shift: float) -> None:
-    """Form factors are those of the same scene at its own size to 1e-4; shift in sizes of the scene."""
+    """Form factors are those of the same scene at its own size to 1e-4; shift in sizes of the scene. The noise asked for is low, as
+    rounding in single precision lets single rays pass an edge or not, and of few rays one counts more than that."""
     s, size = SCENES["contact"]
     meshes = [dataclasses.replace(m, vertices=scale * (m.vertices + shift)) for m in s.meshes]
-    _, p, expected = made(s, size)
-    _, q, found = made(dataclasses.replace(s, meshes=tuple(meshes)), scale * size)
+    _, p, expected = made(s, size, 1e-4)
+    _, q, found = made(dataclasses.replace(s, meshes=tuple(meshes)), scale * size, 1e-4)
     np.testing.assert_allclose(q.area, scale**2 * p.area, rtol=1e-6)
     assert (found.clear, found.blocked, found.mixed) == (expected.clear, expected.blocked, expected.mixed)
     a, b = (h.laws.rows.matrix().toarray()[:, : p.count] for h in (found, expected))

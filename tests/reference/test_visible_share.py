@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pytest
 from lightgauge.reference.transport import visible_share as vs
 from lightgauge.reference.transport.closed_forms.contour_batch import pair_form_factors
+from lightgauge.reference.transport.closed_forms.planar_cells import cell_areas
 from lightgauge.reference.transport.closed_forms.polygon_clip import unit_normals
 from lightgauge.reference.transport.visible_share import REPLICATES, upload_cells, visible_share
 from lightgauge.reference.visibility import Geometry, build_geometry
@@ -31,27 +32,30 @@ def with_something_between(x: float, size: float = 10.0) -> tuple[Geometry, Arra
     return g, np.stack([FLOOR, LID])
 
 
-def shares(g: Geometry, cells: Array, copies: int, rays: int, seed: int = 1) -> tuple[Array, Array]:
+def shares(g: Geometry, cells: Array, copies: int, rays: int, near: bool = False) -> tuple[Array, Array]:
     device = upload_cells(g, cells, unit_normals(cells))
-    return visible_share(g, device, np.tile([0, 1], (copies, 1)), np.full(copies, rays), seed)
+    return visible_share(g, device, np.tile([0, 1], (copies, 1)), np.full(copies, near), np.full(copies, rays), 1)
 
 
-def test_all_and_nothing_are_exact() -> None:
+@pytest.mark.parametrize("near", [False, True])
+def test_all_and_nothing_are_exact(near: bool) -> None:
     for x, expected in ((-20.0, 1.0), (20.0, 0.0)):
-        share, se = shares(*with_something_between(x, 30.0), 50, 64)
+        share, se = shares(*with_something_between(x, 30.0), 50, 64, near)
         np.testing.assert_array_equal(share, expected)
         np.testing.assert_array_equal(se, 0.0)
 
 
 def test_pairs_that_turn_away_have_no_share() -> None:
     g = build_geometry(scene([quad(FLOOR), quad(LID)]))
-    share, se = shares(g, np.stack([FLOOR[::-1], LID]), 5, 64)
-    assert not share.any() and not se.any()
+    for near in (False, True):
+        share, se = shares(g, np.stack([FLOOR[::-1], LID]), 5, 64, near)
+        assert not share.any() and not se.any()
 
 
-def test_half_covered_by_symmetry() -> None:
+@pytest.mark.parametrize("near", [False, True])
+def test_half_covered_by_symmetry(near: bool) -> None:
     """A half plane in the middle of the gap: rays from x to x' pass where x + x' > 1, one half of them."""
-    share, se = shares(*with_something_between(0.5), COPIES, 256)
+    share, se = shares(*with_something_between(0.5), COPIES, 256, near)
     assert abs(share.mean() - 0.5) < 4.0 * share.std(ddof=1) / np.sqrt(COPIES)
     assert share.std() < 0.03 and se.mean() == pytest.approx(share.std(), rel=0.2)
 
@@ -69,31 +73,40 @@ def case_cells(case: dict[str, Any]) -> tuple[Geometry, Array]:
     return build_geometry(scene(meshes, [material(two_sided=True)])), np.stack(cells)
 
 
-@pytest.mark.parametrize("name", OCCLUDED)
-def test_published_cases(published: dict[str, Any], name: str) -> None:
+@pytest.mark.parametrize("name, near", [(n, k) for n in OCCLUDED for k in (False, True) if k or "common_edge" not in n])
+def test_published_cases(published: dict[str, Any], name: str, near: bool) -> None:
     """Closed form × share is the occluded form factor: the mean of 200 randomisations of 1,024 rays within 4.5 standard errors
-    (7 cases: 5e-5), and 88 … 99.5 % of their 95 % intervals hold it (one case: 4.5 of 1.54 %, of a share without normal tails)."""
+    (13 cases: 9e-5), and 87.5 … 100 % of their 95 % intervals hold it (one case: 5 of 1.54 %). Points by area have no finite
+    variance at a common edge: there directions must be among the rays, as they are wherever the hybrid finds a pair near."""
     g, cells = case_cells(published[name])
-    area = np.linalg.norm(np.cross(cells[0, 1] - cells[0, 0], cells[0, 2] - cells[0, 0]))
-    area *= 0.5 if (cells[0, 2] == cells[0, 3]).all() else 1.0
+    area = cell_areas(cells)[0]
     whole = pair_form_factors(cells, np.full(2, 4), np.array([[0, 1]]))[0] / area
-    share, se = shares(g, cells, COPIES, 1024)
+    share, se = shares(g, cells, COPIES, 1024, near)
     exact = published[name]["F12"] / whole
     assert 0.01 < exact < 0.99
     assert abs(share.mean() - exact) < 4.5 * share.std(ddof=1) / np.sqrt(COPIES) + 1e-6
-    assert 0.88 <= (np.abs(share - exact) <= T95 * se).mean() <= 0.995
+    assert (np.abs(share - exact) <= T95 * se).mean() >= 0.95 - 5 * 0.0154
     assert 0.75 < (se**2).mean() / share.var(ddof=1) < 1.33
+
+
+def test_common_edges_have_no_heavy_tails(published: dict[str, Any]) -> None:
+    """A fin across the common edge of two squares. The largest of 200 errors is within 4 of their spread with directions; with points
+    by area alone the spread itself is twice as large and more."""
+    g, cells = case_cells(published["occ_perp_common_edge_with_fin"])
+    (by_area, _), (mixed, _) = (shares(g, cells, COPIES, 4096, near) for near in (False, True))
+    assert np.abs(mixed - mixed.mean()).max() < 4.0 * mixed.std()
+    assert by_area.std() > 1.5 * mixed.std()
 
 
 def test_repeats_whatever_the_batch(monkeypatch: pytest.MonkeyPatch) -> None:
     g, cells = with_something_between(0.3)
     device, pairs = upload_cells(g, cells, unit_normals(cells)), np.tile([[0, 1], [1, 0]], (20, 1))
-    rays = np.where(np.arange(40) % 3 == 0, 32, 128)
-    first = visible_share(g, device, pairs, rays, 3)
-    other_seed = visible_share(g, device, pairs, rays, 4)
+    rays, near = np.where(np.arange(40) % 3 == 0, 32, 128), np.arange(40) % 4 == 1
+    first = visible_share(g, device, pairs, near, rays, 3)
+    other_seed = visible_share(g, device, pairs, near, rays, 4)
     for size in (1000, 1):
         monkeypatch.setattr(vs, "RAYS_PER_BATCH", size)
-        np.testing.assert_array_equal(visible_share(g, device, pairs, rays, 3), first)
+        np.testing.assert_array_equal(visible_share(g, device, pairs, near, rays, 3), first)
     assert not np.array_equal(first[0], other_seed[0]) and len(np.unique(first[0])) > 30
 
 
