@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from lightgauge.reference.datatypes import Scene
-from lightgauge.reference.sky import SKY_BINS, bin_of
+from lightgauge.reference.sky import BINS_PER_EDGE, SKY_BINS, bin_of
 from lightgauge.reference.transport.elements import element_of
 from lightgauge.reference.transport.hits import columns_of_rays, element_at, upload_patches
 from lightgauge.reference.transport.patches import Patches
@@ -32,16 +32,18 @@ def mixed_room() -> Scene:
 
 
 def columns_plain(g: Geometry, p: Patches, origins: Array, directions: Array) -> tuple[Array, Array, Array]:
-    """Column (N,), met the inside (N,), and whether the hit lies within rounding of an element's border."""
+    """Column (N,), met the inside (N,), and whether it lies within rounding of an element's or a bin's border."""
     hits = cast(g, to_box(g, origins), vectors(directions))
     hit, triangle, front = (np.array(x) for x in (hits.hit, hits.triangle, hits.front))
-    u, v = (np.array(x).astype(np.float64) for x in (hits.u, hits.v))
+    u, v = (np.where(hit, np.array(x), 0.0).astype(np.float64) for x in (hits.u, hits.v))
     element = element_of(p.cuts, p.first_element, triangle, u, v)
     side = np.where(front, p.element_patch[element], p.element_back[element])
     absorbed = p.count + SKY_BINS
     column = np.where(hit, np.where(side < 0, absorbed, side), p.count + bin_of(directions.astype(np.float32)))
-    k = p.cuts[triangle]
-    borders = np.stack([u * k, v * k, (u + v) * k])
+    k, size = p.cuts[triangle], np.sort(np.abs(directions), axis=1)
+    in_element = np.stack([u * k, v * k, (u + v) * k])
+    in_sky = np.stack([size[:, 0] / size[:, 2], size[:, 1] / size[:, 2], 0.125 + 0.0 * k]) * BINS_PER_EDGE / 2
+    borders = np.where(hit, in_element, in_sky)
     return column, hit & ~front & g.counts_as_back[triangle], np.abs(borders - np.round(borders)).min(axis=0) < 1e-4
 
 
