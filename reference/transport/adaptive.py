@@ -109,7 +109,9 @@ def allocate(pilot: Pilot, light: F64, weights: F64, noise: float, most: int, le
     if count == 0 or not light.any():
         return fixed(count, least)
     share, (one, two) = weights / weights.sum(), (gathered(pilot, light, slice(k, None, 2)) for k in (0, 1))
-    dark = max(DIM * float(share @ (one[0] + two[0])) / 2.0, np.finfo(np.float64).tiny)
+    dark = DIM * float(share @ (one[0] + two[0])) / 2.0
+    if dark == 0.0:  # what shines was not met by any of them
+        return fixed(count, least)
     halves = [PILOT / 2 * a[1] / (b[0] + dark) ** 2 for a, b in ((one, two), (two, one))]
     per_ray = _drawn((halves[0] + halves[1]) / 2.0, share, REPLICATES - 2.0)
     square, rays = noise**2, _neyman(per_ray, share, noise**2, least, most)

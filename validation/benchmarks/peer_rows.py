@@ -42,8 +42,7 @@ NAMES = tuple(kind + suffix for suffix in ("", "_204") for kind in KINDS)
 @contextmanager
 def peer(box: Box, folder: Path) -> Iterator[tuple[F64, Callable[[int], float]]]:
     """Its matrix (N, N), and a task that lets it compute that once more. Raises CannotMeasure if it is absent or fails."""
-    if find_spec(PACKAGE) is None:
-        raise CannotMeasure(f"the package {PACKAGE} is not installed. To mend it: {MEND}")
+    _require_peer()
     inner = np.abs(box.quads).max(axis=(1, 2)) < 1.0
     order = np.argsort(inner, kind="stable")
     quads, out, errors = folder / "quads.npy", folder / "matrix.npy", folder / "errors.txt"
@@ -79,10 +78,17 @@ def peer(box: Box, folder: Path) -> Iterator[tuple[F64, Callable[[int], float]]]
 
 def compared(wanted: Wanted, progress: Progress) -> Iterator[Row]:
     """All rows of the comparison: the finer box, and the published one of 204 quads, whose overhead is a larger share."""
-    del wanted
+    _require_peer()
     ensure_variant()
-    yield from _rows(fine_box(), FINE_NOISE, FINE_REPEATS, "", progress)
-    yield from _rows(published_box(), NOISE, REPEATS, "_204", progress)
+    if wanted & {*KINDS}:
+        yield from _rows(fine_box(), FINE_NOISE, FINE_REPEATS, "", progress)
+    if wanted & {kind + "_204" for kind in KINDS}:
+        yield from _rows(published_box(), NOISE, REPEATS, "_204", progress)
+
+
+def _require_peer() -> None:
+    if find_spec(PACKAGE) is None:
+        raise CannotMeasure(f"the package {PACKAGE} is not installed. To mend it: {MEND}")
 
 
 def fine_box() -> Box:
