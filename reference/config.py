@@ -222,7 +222,7 @@ class RadiositySettings(Frozen):
     gather, root mean square, at which they need no more of them; under 1e-3 closed forms replace rays where provably
     nothing is in the way.
     shadow_rays: samples per patch for direct light.
-    tolerance: residual, relative to the emitted plus direct light, at which the iteration stops.
+    tolerance: share of the source that may be left unpassed when the iteration stops. solver: how it iterates.
     """
 
     patch_size: Positive | None = None
@@ -231,6 +231,7 @@ class RadiositySettings(Frozen):
     noise: Positive = 0.02
     shadow_rays: Annotated[int, Field(ge=1, le=4096)] = 64
     tolerance: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-5
+    solver: Literal["jacobi", "gauss-seidel", "southwell", "one-bounce"] = "jacobi"
 
 
 class SamplingSettings(Frozen):

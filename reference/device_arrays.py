@@ -25,6 +25,13 @@ def aligned(values: npt.NDArray[Any], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     return out
 
 
+def drop_device_cache() -> None:
+    """Give back what Dr.Jit keeps of freed arrays: batches of rays need tens of MiB that nothing after them does."""
+    import drjit as dr
+
+    dr.flush_malloc_cache()
+
+
 def to_u32(values: npt.NDArray[Any]) -> Any:
     """Flat mi.UInt32 of `values`."""
     import mitsuba as mi

@@ -21,13 +21,14 @@ from .transport.adaptive import LEAST, Allocation, Pilot, allocate, pilot_matrix
 from .transport.direct import arriving, punctual_irradiance, punctual_lights, visible
 from .transport.form_factors import FormFactors, form_factors, patch_form_factors, point_form_factors
 from .transport.gather import DeviceRows, gather, upload
-from .transport.hybrid import hybrid_form_factors
+from .transport.hybrid import hybrid_form_factors, patch_cells, refuse_many
 from .transport.lumels import Lumels, build_lumels, lumel_receivers
 from .transport.patch_light import direct_on_patches
 from .transport.patches import Patches, auto_patch_size, build_patches
 from .transport.radiosity import Radiosity, solve
 from .transport.receivers import Receivers, patch_receivers, probe_receivers, texel_receivers
 from .transport.reconcile import Reconciled, reconcile
+from .transport.solvers import METHODS
 from .transport.subdivide import subdivided_patches
 from .visibility import Geometry, build_geometry
 from .volume.indirection import build_indirection
@@ -44,7 +45,8 @@ class Surfaces:
     """The patch half of a bake: what placement does not change.
 
     rows: reciprocal, closed form factors of the patches; laws: what reconciling them changed. guess: (columns,) mean
-    colour of the light that a pilot finds on patches and sky; it decides where rays go, not what they find.
+    colour of the light that a pilot finds on patches and sky; it decides where rays go, not what they find. method: "rays", or
+    "closed forms and rays".
     """
 
     geometry: Geometry
@@ -55,6 +57,7 @@ class Surfaces:
     device_rows: DeviceRows
     guess: F64
     allocation: Allocation
+    method: str
     seconds: Mapping[str, float]
 
 
@@ -111,17 +114,20 @@ def bake_surfaces(scene: Scene, seed: int, progress: Progress = silent) -> Surfa
     guess = guess_light(scene, patches, pilot, _pilot_direct(scene, geometry, patches, seed))
     allocation = allocate(pilot, guess, patches.area, settings.noise, settings.rays)
     clock.lap("pilot")
-    raw = patch_form_factors(geometry, patches, allocation.rays, seed, progress)
-    if settings.noise < CLOSED_FORMS_BELOW:
-        try:
+    exact = settings.noise < CLOSED_FORMS_BELOW
+    try:
+        if exact:
+            refuse_many(patch_cells(geometry, patches))  # before anything is traced
+            raw = patch_form_factors(geometry, patches, allocation.rays, seed, progress)
             laws = hybrid_form_factors(geometry, patches, raw, settings.noise, seed, progress).laws
-        except ValueError as error:
-            raise InputError(f"scene '{scene.name}': {error}") from error
-    else:
-        laws = reconcile(raw, patches.area)
+        else:
+            laws = reconcile(patch_form_factors(geometry, patches, allocation.rays, seed, progress), patches.area)
+    except ValueError as error:
+        raise InputError(f"scene '{scene.name}': {error}") from error
     clock.lap("patch_form_factors")
     rows = upload(laws.rows)
-    return Surfaces(geometry, patches, size, laws.rows, laws, rows, guess, allocation, clock.seconds)
+    method = "closed forms and rays" if exact else "rays"
+    return Surfaces(geometry, patches, size, laws.rows, laws, rows, guess, allocation, method, clock.seconds)
 
 
 def _patches(scene: Scene, g: Geometry, size: float, seed: int) -> Patches:
@@ -154,10 +160,13 @@ def guess_light(scene: Scene, p: Patches, pilot: Pilot, direct: F64) -> F64:
     return np.concatenate([b, sky, np.zeros((1, 3))]).mean(axis=1)
 
 
-def _solved(scene: Scene, p: Patches, rows: DeviceRows, direct: F64, tolerance: float) -> Radiosity:
+def _solved(scene: Scene, surfaces: Surfaces, direct: F64) -> Radiosity:
     """The radiosity. Raises InputError where the albedo is too high to converge."""
+    s = scene.settings.radiosity
     try:
-        return solve(scene, p, rows, direct, tolerance)
+        return solve(
+            scene, surfaces.patches, surfaces.device_rows, direct, s.tolerance, METHODS[s.solver], surfaces.rows
+        )
     except ValueError as error:
         raise InputError(f"scene '{scene.name}': {error}") from error
 
@@ -265,7 +274,7 @@ def light_patches(scene: Scene, surfaces: Surfaces, seed: int, progress: Progres
         scene, surfaces.geometry, surfaces.patches, s.shadow_rays, seed, progress, surfaces.device_rows
     )
     clock.lap("direct_light")
-    radiosity = _solved(scene, surfaces.patches, surfaces.device_rows, direct, s.tolerance)
+    radiosity = _solved(scene, surfaces, direct)
     clock.lap("radiosity")
     return PatchLight(direct, radiosity, clock.seconds)
 

@@ -28,6 +28,7 @@ def bake_scene(scene: Scene, out: Path, seed: int, quiet: bool) -> dict[str, Any
     rows |= {CUBEMAP + name: r for name, r in others.cubemap_rows.items()}
     laws, patch_rays, probe_rays = surfaces.laws, surfaces.allocation, probes.allocation
     facts = {
+        "method": surfaces.method,
         "patch_size_m": surfaces.patch_size,
         "spectral_radius": spectral,
         "bounces": bounce_count(spectral, scene.settings.radiosity.tolerance),

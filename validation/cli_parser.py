@@ -21,7 +21,7 @@ EXAMPLES = {
     "report": "lightgauge report\nlightgauge report --out /tmp/all --quiet",
     "chart": "lightgauge chart cornell\nlightgauge chart cornell --out /tmp/ch --json",
     "bake": "lightgauge bake house --out house.bake\n"
-    "lightgauge bake house --out house.bake --set radiosity.noise=0.0005 --json",
+    "lightgauge bake house --set radiosity.noise=9e-4 --set radiosity.patch_size=4 --json",
     "relight": "lightgauge relight house.bake --lights scenes/house/evening.toml --json\n"
     "lightgauge relight house.bake --out noon.npz",
     "formfactor": "lightgauge formfactor floor.ply ceiling.ply\n"

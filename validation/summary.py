@@ -128,5 +128,7 @@ def relight_text(made: Mapping[str, Any]) -> str:
         cells = [" ".join(number(v) for v in r[key]) for key in ("mean", "min", "max")]
         rows.append([plain(name), str(r["count"]), *cells])
     cost = f"first frame {number(made['first_s'])} s with reading, later ones {number(made['frame_ms'])} ms"
+    if made["moved_frame_ms"] is not None:
+        cost += f", with all lights changed {number(made['moved_frame_ms'])} ms"
     where_to = f"{made['bounces']} bounces, {cost}\nvalues: {made['values']}"
     return "\n".join([table(rows), where_to, *(plain(note) for note in made["notes"])])

@@ -133,8 +133,11 @@ def relight(arguments: Namespace) -> int:
     from .relight import relight_file
 
     out = arguments.out or arguments.bake.with_suffix(".npz")
-    if out.absolute() == arguments.bake.absolute():
-        raise InputError(f"--out {out}: that is the bake itself; choose another name")
+    for name, given in (("the bake", arguments.bake), ("the lights file", arguments.lights)):
+        if given is not None and out.resolve() == given.resolve():
+            raise InputError(f"--out {out}: that is {name} itself; choose another name")
+    if out.suffix != ".npz" or out.is_dir():
+        raise InputError(f"--out {out}: the values are written as a file that ends in .npz; give such a name")
     check_out(out.absolute().parent)
     with contextlib.redirect_stdout(sys.stderr):
         made = relight_file(arguments.bake, arguments.lights, out)

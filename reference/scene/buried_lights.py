@@ -103,10 +103,15 @@ def _around(surface: _Surface, position: F64) -> I32:
     volume = np.einsum("nc,nc->n", a, np.cross(b, c))
     ab, bc, ca = (np.einsum("nc,nc->n", x, y) for x, y in ((a, b), (b, c), (c, a)))
     angle = 2.0 * np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
-    if angle.sum() < 2.0 * np.pi:  # winding number under 1/2
+    winding = np.bincount(surface.piece, angle) / (4.0 * np.pi)
+    size = np.abs(np.bincount(surface.piece, volume))  # 6 × the volume within the piece
+    holding = np.flatnonzero(np.abs(winding) > 0.5)
+    if len(holding) == 0:
         return np.zeros(0, np.int32)
-    by_piece = np.bincount(surface.piece, angle)
-    return surface.owner[surface.closed[surface.piece == int(by_piece.argmax())]]
+    innermost = holding[size[holding].argmin()]  # a block in a room is solid, a room in a wall is not
+    if winding[innermost] < 0.0:
+        return np.zeros(0, np.int32)
+    return surface.owner[surface.closed[surface.piece == int(innermost)]]
 
 
 def _touching(surface: _Surface, position: F64, near: float) -> I32:

@@ -56,6 +56,20 @@ def proportions(vertices: F64, faces: I32) -> tuple[F64, F64]:
     return double_area, longest
 
 
+def backed_faces(corners: I64) -> Bool:
+    """(F,) true for triangles that repeat another one from behind and fit worse to their neighbours: more of their edges
+    are run through the same way by other triangles. Rays could not tell which of the two they meet."""
+    key = np.sort(corners, axis=1)
+    _, group, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
+    group = group.reshape(-1)
+    edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
+    _, edge, times = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
+    conflict = times[edge.reshape(-1)].reshape(-1, 3).sum(axis=1)
+    best = np.full(len(count), np.iinfo(np.int64).max)
+    np.minimum.at(best, group, conflict)
+    return np.asarray((count[group] > 1) & (conflict > best[group]))
+
+
 def repeated_faces(corners: I64) -> Bool:
     """(F,) true for all but the first of triangles with the same corners in the same winding."""
     first = corners.argmin(axis=1)

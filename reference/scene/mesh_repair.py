@@ -3,7 +3,7 @@
 | fault | what is done |
 |---|---|
 | a vertex that stands twice, or that no face uses | merged, removed |
-| a face without area, a duplicate face | removed |
+| a face without area, a duplicate face, one that repeats another from behind and fits its neighbours worse | removed |
 | a flipped face | turned by the worker; if that fails, refused where the front matters, else kept |
 | halves of one piece that disagree and weigh the same | refused where the front matters, else kept |
 | an edge of three or more faces, a Möbius strip, a T-junction, a sliver | kept: rays do not mind |
@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from ..datatypes import F64, I64, Bool
 from ..errors import InputError
-from .checks import proportions, refuse_broken, repeated_faces, weld
+from .checks import backed_faces, proportions, refuse_broken, repeated_faces, weld
 from .document import MeshArrays
 from .mesh_faults import Edges, Winding, edges_of, sheet_of, winding_of
 from .repair_process import Limits, WorkerFailed, limits_for, turned_by_worker
@@ -112,10 +112,18 @@ def _sift(mesh: MeshArrays, places: I64, where: str) -> tuple[_Faces, list[str]]
     corners = places[mesh.faces]
     joins = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
     repeated = repeated_faces(corners)
+    backed = np.zeros(len(flat), dtype=np.bool_)
+    alone = np.flatnonzero(~repeated & ~flat)
+    backed[alone] = backed_faces(corners[alone])
     said = []
-    for found, what in ((repeated & ~flat, "duplicate face"), (flat, "face without area")):
+    for found, what in (
+        (repeated & ~flat, "duplicate face"),
+        (backed, "face that repeats another from behind"),
+        (flat, "face without area"),
+    ):
         if found.any():
             said.append(_counted(np.flatnonzero(found), what, "removed"))
+    repeated |= backed
     sliver = np.flatnonzero((double_area <= SLIVER * longest) & ~flat & ~repeated)
     if len(sliver):
         said.append(_counted(sliver, "face thinner than 1 : 10000", "kept"))

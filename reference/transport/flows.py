@@ -75,15 +75,18 @@ def _both_ways(raw: FormFactors, area: F64) -> tuple[I32, I32, C128, C128]:
     row = np.repeat(np.arange(p, dtype=np.int32), np.diff(raw.indptr))
     upper, lower = (raw.columns < p) & (row <= raw.columns), (raw.columns < p) & (row > raw.columns)
 
-    def together(values: F64) -> sparse.csr_array:
+    def together(values: F32, power: int) -> sparse.csr_array:
+        """(A_i × value)^power; an exact 0, which would be dropped from the pattern, counts as TINY."""
         sides = []
-        for side, unit in ((upper, 1.0), (lower, 1.0j)):
-            pointers = np.concatenate([[0], np.cumsum(np.bincount(row[side], minlength=p))])
-            sides.append(sparse.csr_array((unit * values[side], raw.columns[side], pointers), shape=(p, p)))
-        return (sides[0].astype(np.complex128) + sides[1].T.tocsr()).tocsr()
+        for side, unit in ((upper, 1.0 + 0.0j), (lower, 1.0j)):
+            mine = row[side]
+            pointers = np.concatenate([[0], np.cumsum(np.bincount(mine, minlength=p))])
+            data = unit * ((area[mine] * values[side]) ** power + TINY)
+            sides.append(sparse.csr_array((data, raw.columns[side], pointers), shape=(p, p)))
+        turned = sides.pop().T.tocsr()
+        return (sides.pop() + turned).tocsr()
 
-    # An exact 0, of a flow that was cut off or an error that there is none of, would be dropped from the pattern.
-    flow, squared = together(area[row] * raw.values[:, 0] + TINY), together((area[row] * raw.se[:, 0]) ** 2 + TINY)
+    flow, squared = together(raw.values[:, 0], 1), together(raw.se[:, 0], 2)
     lo = np.repeat(np.arange(p, dtype=np.int32), np.diff(flow.indptr))
     return lo, flow.indices.astype(np.int32), flow.data, squared.data
 
@@ -95,6 +98,13 @@ def _outside(raw: FormFactors, area: F64, weight: F64) -> tuple[I32, I32, F64, F
     row, column = row[at], raw.columns[at]
     x = area[row] * raw.values[at, 0]
     return row, column, x, (x / weight[row]).astype(np.float32), ((area[row] * raw.se[at, 0]) ** 2).astype(np.float32)
+
+
+def without_entries(rows: FormFactors) -> FormFactors:
+    """The same receivers, ray counts and back shares, and no entries."""
+    empty = np.zeros((0, rows.values.shape[1]), dtype=np.float32)
+    indptr = np.zeros(rows.rows + 1, dtype=np.int64)
+    return FormFactors(indptr, np.zeros(0, np.int32), empty, rows.patches, rows.back_share, rows.rays, empty)
 
 
 def rounding_defect(f: Flows, area: F64) -> float:
@@ -111,23 +121,26 @@ def rows_of_flows(f: Flows, area: F64, like: FormFactors) -> FormFactors:
     p = len(area)
     upper = f.pointers(p)
     turned = sparse.csr_array((np.arange(1, len(f.lo) + 1, dtype=np.int32), f.hi, upper), shape=(p, p)).T.tocsr()
-    turned.data[np.repeat(np.arange(p), np.diff(turned.indptr)) == turned.indices] = 0  # the diagonal is in `upper`
+    row = np.repeat(np.arange(p, dtype=np.int32), np.diff(turned.indptr))
+    turned.data[row == turned.indices] = 0  # the diagonal is in `upper`
     turned.eliminate_zeros()
-    below = turned.data - 1
     parts = (
-        (turned.indptr, turned.indices, f.x[below], f.spread[below]),
-        (upper, f.hi, f.x, f.spread),
-        (np.searchsorted(f.out_row, np.arange(p + 1)), f.out_column, f.out_x, f.out_spread),
+        (turned.indptr, turned.indices, turned.data - 1, f.x, f.spread),
+        (upper, f.hi, slice(None), f.x, f.spread),
+        (np.searchsorted(f.out_row, np.arange(p + 1)), f.out_column, slice(None), f.out_x, f.out_spread),
     )
+    del turned, row
     lengths = sum(np.diff(pointers).astype(np.int64) for pointers, *_ in parts)
     indptr = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(lengths)])
     columns = np.empty(indptr[-1], dtype=np.int32)
     values, se = np.empty((indptr[-1], 1), dtype=np.float32), np.empty((indptr[-1], 1), dtype=np.float32)
     begin = indptr[:-1]
-    for pointers, column, x, spread in parts:
+    for pointers, column, which, x, spread in parts:
         length = np.diff(pointers)
-        at = np.repeat(begin - pointers[:-1], length) + np.arange(len(column))
-        scale = np.repeat(area, length)
-        columns[at], values[at, 0], se[at, 0] = column, x / scale, np.sqrt(spread) / scale
+        at = np.repeat(begin - pointers[:-1], length)
+        at += np.arange(len(column))
+        columns[at] = column
+        values[at, 0] = x[which] / np.repeat(area, length)
+        se[at, 0] = np.sqrt(spread[which]) / np.repeat(area, length)
         begin = begin + length
     return FormFactors(indptr, columns, values, like.patches, like.back_share, like.rays, se)

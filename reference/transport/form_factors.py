@@ -20,6 +20,7 @@ import numpy as np
 from scipy import sparse
 
 from ..datatypes import F32, F64, I32, I64
+from ..device_arrays import drop_device_cache
 from ..progress import Progress
 from ..sh import COEFFICIENTS
 from ..sky import SKY_BINS
@@ -114,6 +115,7 @@ def form_factors(
             finished += len(done[-1].rows)
             progress(stage, finished, receivers.count)
         pending = upcoming
+    drop_device_cache()
     return _assembled(done, counts, p.count, k)
 
 

@@ -74,11 +74,7 @@ def hybrid_form_factors(
     `noise`. raw: rows from rays, for sky and absorbed columns. Raises ValueError for more than MAX_CELLS cells.
     """
     cells = patch_cells(g, p)
-    if len(cells.patch) > MAX_CELLS:
-        raise ValueError(
-            f"closed forms are for at most {MAX_CELLS} cells, and the patches have {len(cells.patch)}: set a larger "
-            "radiosity.patch_size, or radiosity.noise to 1e-3 or more"
-        )
+    refuse_many(cells)
     found = _exchanges(build_blockers(cells_of(g.vertices, g.faces)), cells, g.scale, progress)
     open_, rays = _shares(g, p, cells, found, noise, seed)
     of_rays, reciprocity = flows_of_rays(raw, p.area)
@@ -86,6 +82,15 @@ def hybrid_form_factors(
     closure = float(np.abs(raw.matrix().sum(axis=1) - 1.0).max(initial=0.0))
     clear, blocked, mixed = (int((found.code == c).sum()) for c in (CLEAR, BLOCKED, MIXED))
     return Hybrid(reconcile_flows(averaged, p.area, raw, closure), clear, blocked, mixed, rays)
+
+
+def refuse_many(cells: Cells) -> None:
+    """Raises ValueError for more than MAX_CELLS cells, whose pairs would take too long."""
+    if len(cells.patch) > MAX_CELLS:
+        raise ValueError(
+            f"closed forms are for at most {MAX_CELLS} cells, and the patches have {len(cells.patch)}: set a larger "
+            "radiosity.patch_size, or radiosity.noise to 1e-3 or more"
+        )
 
 
 @dataclass(frozen=True, eq=False)

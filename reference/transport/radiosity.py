@@ -74,7 +74,7 @@ def solve(
         light=np.concatenate([b, seen_sky, np.zeros((1, 3))]),
         iterations=solution.iterations,
         residual=solution.residual,
-        energy_residual=_energy_residual(p, rows, b, p.exitance + direct + from_sky),
+        energy_residual=_energy_residual(p, rows, b, direct, from_sky),
         spectral_radius=spectrum.upper,
         bounces=bounce_count(spectrum.upper, tolerance),
     )
@@ -85,13 +85,14 @@ def _gathered(rows: DeviceRows, from_patches: F64, from_sky: F64) -> F64:
     return gather(rows, np.concatenate([from_patches, from_sky, np.zeros((1, 3))]))[:, 0].astype(np.float64)
 
 
-def _energy_residual(p: Patches, rows: DeviceRows, b: F64, entering: F64) -> float:
-    """Energy balance. With B = M + ρH and rows that sum to one, in - out = Σ A B (1 - escaping) - Σ A (F B): the power
-    patches send to patches less the power they gather from them, which only reciprocal form factors make equal.
-    entering: (P, 3) W·m⁻², exitance, direct light and sky."""
+def _energy_residual(p: Patches, rows: DeviceRows, b: F64, direct: F64, from_sky: F64) -> float:
+    """|in - out| / in, worst colour. In: exitance, direct light and sky that reach patches. Out: what patches absorb of the
+    light that the *final* radiosity sends them, and what it sends outside. It holds if the form factors are reciprocal and
+    closed and the radiosity is a solution; an unconverged one shows."""
     dark = np.zeros((SKY_BINS, 3))
-    gathered = p.area @ _gathered(rows, b, dark)
-    sent = p.area @ (b * _gathered(rows, np.ones((p.count, 3)), dark))
-    power_in = p.area @ entering
+    incident = direct + from_sky + _gathered(rows, b, dark)
+    leaving = 1.0 - _gathered(rows, np.ones((p.count, 3)), dark)  # rows sum to one
+    power_in = p.area @ (p.exitance + direct + from_sky)
+    power_out = p.area @ ((1.0 - p.albedo) * incident + b * leaving)
     lit = power_in > 0.0
-    return float((np.abs(sent - gathered)[lit] / power_in[lit]).max(initial=0.0))
+    return float((np.abs(power_in - power_out)[lit] / power_in[lit]).max(initial=0.0))

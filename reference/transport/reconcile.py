@@ -23,7 +23,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from ..datatypes import F64
 from ..sky import SKY_BINS
-from .flows import Flows, flows_of_rays, rounding_defect, row_sums, rows_of_flows
+from .flows import Flows, flows_of_rays, rounding_defect, row_sums, rows_of_flows, without_entries
 from .form_factors import FormFactors
 
 CLOSURE = 1e-9  # of a row, before rounding to float32
@@ -51,7 +51,9 @@ def reconcile(raw: FormFactors, area: F64) -> Reconciled:
             f"expected one row for each of {raw.patches} patches and areas, got {raw.rows} and {len(area)}"
         )
     raw_closure = float(np.abs(raw.matrix().sum(axis=1) - 1.0).max(initial=0.0))
-    return reconcile_flows(flows_of_rays(raw, area), area, raw, raw_closure)
+    averaged, like = flows_of_rays(raw, area), without_entries(raw)
+    del raw  # where the caller keeps it neither, memory holds one matrix less
+    return reconcile_flows(averaged, area, like, raw_closure)
 
 
 def reconcile_flows(averaged: tuple[Flows, float], area: F64, raw: FormFactors, raw_closure: float) -> Reconciled:

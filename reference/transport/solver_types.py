@@ -71,7 +71,7 @@ def matrix_system(rows: FormFactors | sparse.csr_array, albedo: F64, source: F64
     """System on the host in double precision. rows: form factors, or CSR (P, P or more); columns after P carry no patch."""
     p = len(area)
     full = rows.matrix(0) if isinstance(rows, FormFactors) else rows
-    matrix = sparse.csr_array(full[:, :p], dtype=np.float64)
+    matrix = full[:, :p].astype(np.float64).tocsr()
     return System(lambda light: matrix @ light, albedo, source, area, matrix)
 
 
@@ -85,7 +85,7 @@ def device_system(rows: DeviceRows, albedo: F64, source: F64, area: F64, host: F
     def product(light: F64) -> F32:
         return gather(rows, np.concatenate([light, outside]))[:, 0]
 
-    matrix = None if host is None else sparse.csr_array(host.matrix(0)[:, : len(area)], dtype=np.float64)
+    matrix = None if host is None else host.matrix(0)[:, : len(area)].astype(np.float64).tocsr()
     return System(product, albedo, source, area, matrix)
 
 

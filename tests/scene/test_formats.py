@@ -94,12 +94,12 @@ def test_binary_ply(tmp_path: Path, order: str, mixed: bool) -> None:
     head = f"ply\nformat {name} 1.0\ncomment x\nelement vertex 4\nproperty double x\nproperty double y\n"
     head += "property double z\nproperty uchar red\nelement face 2\nproperty list uchar uint vertex_index\nend_header\n"
     data = head.encode() + b"".join(struct.pack(f"{order}3dB", *p, 7) for p in SQUARE)
-    polygons = [(0, 1, 2, 3), (2, 1, 0)] if mixed else [(0, 1, 2), (0, 2, 3)]
+    polygons = [(0, 2, 3), (0, 1, 2, 3)] if mixed else [(0, 1, 2), (0, 2, 3)]
     data += b"".join(struct.pack(f"{order}B{len(p)}I", len(p), *p) for p in polygons)
     (tmp_path / "a.ply").write_bytes(data)
     mesh = load_scene(tmp_path / "a.ply").meshes[0]
     assert np.array_equal(mesh.vertices, SQUARE)
-    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3]] + ([[2, 1, 0]] if mixed else [])
+    assert mesh.faces.tolist() == ([[0, 2, 3], [0, 1, 2]] if mixed else [[0, 1, 2], [0, 2, 3]])  # once each
 
 
 def test_mesh_only_gets_light_and_camera(tmp_path: Path) -> None:

@@ -42,22 +42,12 @@ def matrix_bytes(rows: FormFactors) -> int:
 
 
 def measure(name: str, patch_size: float, rays: int) -> dict[str, int]:
-    """Bytes: resident before, peaks while tracing and while reconciling, and the finished matrices."""
+    """Bytes: resident before, the peak while tracing and reconciling, and the finished matrix."""
     g, p = patched(name, patch_size)
     forget_peak()
     before = resident("VmRSS")
-    raw = patch_form_factors(g, p, rays, 1, silent)
-    raw_peak = resident("VmHWM")
-    forget_peak()
-    laws = reconcile(raw, p.area)
-    return {
-        "patches": p.count,
-        "before": before,
-        "raw_peak": raw_peak,
-        "reconcile_peak": resident("VmHWM"),
-        "raw_bytes": matrix_bytes(raw),
-        "bytes": matrix_bytes(laws.rows),
-    }
+    laws = reconcile(patch_form_factors(g, p, rays, 1, silent), p.area)
+    return {"patches": p.count, "before": before, "peak": resident("VmHWM"), "bytes": matrix_bytes(laws.rows)}
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Peak memory of building form factors against the size of the finished matrices.
 
-    memory_vs_matrices = (peak - before - 512 MiB) / bytes of the finished rows (pointers, columns, values, standard errors)
+    memory_vs_matrices = (peak - 512 MiB) / bytes of the finished rows (pointers, columns, values, standard errors)
 
-0 where that is negative. `before` is what the process holds with scene and patches built; what the libraries need to compile counts
-as growth.
+0 where that is negative. The peak is of the whole process, Python and all libraries included, while form factors are traced
+and reconciled as a bake does it.
 """
 
 from __future__ import annotations
@@ -19,10 +19,7 @@ from .rows import CannotMeasure, Group, Row, row_of
 
 ALLOWED = 512 << 20
 TIME_LIMIT_S = 300.0
-NAMES = (
-    "memory_vs_matrices", "memory_growth_vs_matrices", "memory_total_vs_matrices", "memory_raw_vs_matrices",
-    "memory_growth_mib", "memory_matrices_mib",
-)  # fmt: skip
+NAMES = ("memory_vs_matrices", "memory_growth_vs_matrices", "memory_growth_mib", "memory_matrices_mib")
 
 
 def measured(name: str, patch_size: float, rays: int) -> dict[str, int]:
@@ -44,17 +41,11 @@ def memory(progress: Progress, place: tuple[str, float] = HOUSE_20K, rays: int =
     progress("memory", 0, 1)
     m = measured(*place, rays)
     progress("memory", 1, 1)
-    peak, size = max(m["raw_peak"], m["reconcile_peak"]), m["bytes"]
-    growth = peak - m["before"]
-    stage = "tracing" if m["raw_peak"] > m["reconcile_peak"] else "reconciling"
-    note = f"{place[0]}, {m['patches']} patches, {rays} rays per patch; peak while {stage}"
+    size, growth = m["bytes"], m["peak"] - m["before"]
+    note = f"{place[0]}, {m['patches']} patches, {rays} rays per patch"
     whole = f"{note}; the process with its libraries, {m['before'] >> 20} MiB before"
-    raw = "of raw rows alone: growth while tracing - 512 MiB"
-    yield row_of("memory_vs_matrices", max(0.0, (growth - ALLOWED) / size), "ratio", "lower", 1.5, note)
+    yield row_of("memory_vs_matrices", max(0.0, (m["peak"] - ALLOWED) / size), "ratio", "lower", 1.5, whole)
     yield row_of("memory_growth_vs_matrices", growth / size, "ratio", "lower", note="nothing subtracted")
-    yield row_of("memory_total_vs_matrices", (peak - ALLOWED) / size, "ratio", "lower", note=whole)
-    traced = max(0.0, m["raw_peak"] - m["before"] - ALLOWED)
-    yield row_of("memory_raw_vs_matrices", traced / m["raw_bytes"], "ratio", "lower", note=raw)
     yield row_of("memory_growth_mib", growth / 2**20, "MiB", "lower", note=note)
     yield row_of("memory_matrices_mib", size / 2**20, "MiB", "lower", note=note)
 

@@ -16,10 +16,10 @@ SCHEMA_VERSION = 1
 
 def transport() -> tuple[Group, ...]:
     """Form factors, radiosity's products, and their peers."""
-    from . import box_rows, memory_rows, peer_rows, ray_rows, relight_rows
+    from . import box_rows, memory_rows, peer_rows, ray_rows, relight_rows, solver_rows
 
     return (
-        *ray_rows.GROUPS, *memory_rows.GROUPS, *relight_rows.GROUPS, *peer_rows.GROUPS, *box_rows.GROUPS,
+        *ray_rows.GROUPS, *memory_rows.GROUPS, *relight_rows.GROUPS, *solver_rows.GROUPS, *peer_rows.GROUPS, *box_rows.GROUPS,
     )  # fmt: skip
 
 

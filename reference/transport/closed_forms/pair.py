@@ -20,10 +20,12 @@ from ...visibility import Geometry, mitsuba_mesh, triangle_frames
 from .pair_exchange import MOST_PAIRS, exchange
 from .pair_rays import Estimate, hit_share, visible_exchange
 from .planar_cells import cells_of
+from .polygon_clip import clip_polygon
 from .shaft import build_blockers
 
 LEAST_RAYS, MOST_RAYS = 1 << 10, 1 << 28
 DEFAULT_RAYS = 1 << 20
+MARGIN, LARGE = 1e-3, 10.0  # of the hull's extent
 
 
 class Surface(Protocol):
@@ -38,6 +40,14 @@ class Surface(Protocol):
     def faces(self) -> I32:
         """Triangles."""
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Some faces of a mesh: vertices (V, 3), faces (F, 3)."""
+
+    vertices: F64
+    faces: I32
 
 
 @dataclass(frozen=True)
@@ -72,7 +82,10 @@ def mesh_form_factor(
     ensure_variant()
     meshes = [emitter, receiver] if receiver is not emitter else [emitter]
     areas = [_area(m) for m in (emitter, receiver)]
-    cells = [cells_of(m.vertices, m.faces) for m in (*meshes, *occluders)]
+    hull = _hull(meshes)
+    occluders = [kept for m in occluders if len((kept := _within(m, hull)).faces)]
+    cells = [cells_of(m.vertices, m.faces) for m in meshes]
+    cells += [_cut(cells_of(m.vertices, m.faces), hull) for m in occluders]
     sides = cells[0], cells[len(meshes) - 1]
     if len(sides[0]) * len(sides[1]) > MOST_PAIRS:
         found = _by_hits(geometry_of([*meshes, *occluders]), areas, len(meshes) - 1, rays, seed)
@@ -84,6 +97,39 @@ def mesh_form_factor(
     found = visible_exchange(blockers, parts, rays, seed)
     value = (parts.known + found.value) / areas[0]
     return PairFormFactor(value, found.se / areas[0], found.rays, "contour+rays", *areas)
+
+
+def _hull(meshes: Sequence[Surface]) -> tuple[F64, F64]:
+    """Bounds (3,), (3,) m of all that light between the meshes can touch, and a little more."""
+    used = np.concatenate([m.vertices[np.unique(m.faces)] for m in meshes])
+    lower, upper = used.min(axis=0), used.max(axis=0)
+    margin = MARGIN * float(np.linalg.norm(upper - lower))
+    return lower - margin, upper + margin
+
+
+def _within(mesh: Surface, hull: tuple[F64, F64]) -> Surface:
+    """The faces of an occluder that reach into the hull: the others stop nothing, and would only coarsen tolerances, which
+    go by the extent of all that is looked at."""
+    corners = mesh.vertices[mesh.faces]
+    inside = (corners.min(axis=1) <= hull[1]) & (corners.max(axis=1) >= hull[0])
+    kept = corners[inside.all(axis=1)]
+    return _Part(kept.reshape(-1, 3), np.arange(3 * len(kept), dtype=np.int32).reshape(-1, 3))
+
+
+def _cut(cells: F64, hull: tuple[F64, F64]) -> F64:
+    """Cells (E, 4, 3) of which those much larger than the hull are cut down to it."""
+    middle, half = 0.5 * (hull[0] + hull[1]), float((hull[1] - hull[0]).max())
+    large = np.ptp(cells, axis=1).max(axis=1) > LARGE * half
+    parts = [cells[~large]]
+    for cell in cells[large]:
+        polygon = cell
+        for axis in range(3):
+            for side in (-1.0, 1.0):
+                if len(polygon):
+                    polygon = clip_polygon(polygon, half - side * (polygon[:, axis] - middle[axis]))
+        fan = [polygon[[0, k, k + 1, k + 1]] for k in range(1, len(polygon) - 1)]
+        parts.append(np.array(fan).reshape(-1, 4, 3))
+    return np.concatenate(parts)
 
 
 def _area(mesh: Surface) -> float:
