@@ -3,12 +3,12 @@ lights → radiosity → probe lighting → tiles. `bake` is independent of ligh
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from .clock import Clock
 from .datatypes import F32, F64, Bool, Indirection, Scene, VirtualTexture
 from .errors import InputError
 from .lattice import Octree, make_grid
@@ -16,12 +16,11 @@ from .placement.octree import build_octree, uniform_octree
 from .placement.voxel_bitmap import build_bitmap
 from .progress import Progress, silent
 from .sh import basis
-from .sky import SKY_BINS, bin_radiance, split_peaks
-from .transport.adaptive import LEAST, Allocation, Pilot, allocate, pilot_matrix, trace_pilot
+from .transport.adaptive import LEAST, Allocation, allocate, guess_light, trace_pilot
 from .transport.direct import arriving, punctual_irradiance, punctual_lights, visible
 from .transport.form_factors import FormFactors, form_factors, patch_form_factors, point_form_factors
 from .transport.gather import DeviceRows, gather, upload
-from .transport.hybrid import hybrid_form_factors, patch_cells, refuse_many
+from .transport.hybrid import few_cells, hybrid_form_factors
 from .transport.lumels import Lumels, build_lumels, lumel_receivers
 from .transport.patch_light import direct_on_patches
 from .transport.patches import Patches, auto_patch_size, build_patches
@@ -35,7 +34,7 @@ from .volume.indirection import build_indirection
 from .volume.layout import TileLayout, build_layout
 from .volume.tiles import fill_tiles, probe_texels
 
-PILOT_SHADOW_RAYS, PILOT_BOUNCES = 16, 8
+PILOT_SHADOW_RAYS = 16
 LEAST_PROBE_RAYS = 128  # for their validity and direction, which the mean light does not show
 CLOSED_FORMS_BELOW = 1e-3  # radiosity.noise: rays alone would need millions for less
 
@@ -85,20 +84,6 @@ class Update:
     seconds: Mapping[str, float]
 
 
-class Clock:
-    """Wall time by stage."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, stage: str) -> None:
-        """Add the time since the last lap to `stage`."""
-        now = time.perf_counter()
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
-        self._last = now
-
-
 def bake_surfaces(scene: Scene, seed: int, progress: Progress = silent) -> Surfaces:
     """Geometry, patches and patch form factors.
 
@@ -117,9 +102,9 @@ def bake_surfaces(scene: Scene, seed: int, progress: Progress = silent) -> Surfa
     exact = settings.noise < CLOSED_FORMS_BELOW
     try:
         if exact:
-            refuse_many(patch_cells(geometry, patches))  # before anything is traced
+            cells = few_cells(geometry, patches)  # before anything is traced
             raw = patch_form_factors(geometry, patches, allocation.rays, seed, progress)
-            laws = hybrid_form_factors(geometry, patches, raw, settings.noise, seed, progress).laws
+            laws = hybrid_form_factors(geometry, patches, raw, settings.noise, seed, progress, cells).laws
         else:
             laws = reconcile(patch_form_factors(geometry, patches, allocation.rays, seed, progress), patches.area)
     except ValueError as error:
@@ -147,17 +132,6 @@ def _patches(scene: Scene, g: Geometry, size: float, seed: int) -> Patches:
 
 def _pilot_direct(scene: Scene, g: Geometry, p: Patches, seed: int) -> F64:
     return direct_on_patches(scene, g, p, PILOT_SHADOW_RAYS, seed + 11, silent)
-
-
-def guess_light(scene: Scene, p: Patches, pilot: Pilot, direct: F64) -> F64:
-    """Mean colour (columns,) of the light on patches and sky, from the pilot's rays and direct light (P, 3): good enough to
-    say where more rays are needed."""
-    matrix = pilot_matrix(pilot, p.count + SKY_BINS + 1)
-    sky = np.pi * bin_radiance(None if scene.sky is None else split_peaks(scene.sky)[0])
-    b = p.exitance + p.albedo * direct
-    for _ in range(PILOT_BOUNCES):
-        b = p.exitance + p.albedo * (direct + matrix @ np.concatenate([b, sky, np.zeros((1, 3))]))
-    return np.concatenate([b, sky, np.zeros((1, 3))]).mean(axis=1)
 
 
 def _solved(scene: Scene, surfaces: Surfaces, direct: F64) -> Radiosity:

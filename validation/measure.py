@@ -8,6 +8,7 @@ from typing import Any
 
 from ..fastpath.device import OpenDevice
 from ..reference import pipeline
+from ..reference.clock import Clock
 from ..reference.datatypes import Scene
 from ..reference.progress import Progress
 from . import findings
@@ -21,7 +22,7 @@ def measure_scene(
     scene: Scene, device: OpenDevice, seed: int, progress: Progress
 ) -> tuple[dict[str, Any], list[SceneView]]:
     """The record of a scene (results.json, one of "scenes") and its pictures."""
-    clock = pipeline.Clock()
+    clock = Clock()
     truth = ground_truth(scene, seed, progress)
     clock.lap("truth")
     surfaces = pipeline.bake_surfaces(scene, seed, progress)

@@ -52,10 +52,9 @@ class Traced:
     directions: Any
 
 
-def launch_batch(
-    g: Geometry, p: DevicePatches, receivers: Receivers, rows: I64, rays: int, replicates: int, seed: int
-) -> Traced:
-    """Start tracing `rays` rays from each of `rows`; returns at once."""
+def batch_rays(receivers: Receivers, rows: I64, rays: int, replicates: int, seed: int) -> tuple[Any, Any, Any]:
+    """Origins, directions and number within its receiver of every ray (rows · rays,); not evaluated: a part of the
+    caller's kernel."""
     import drjit as dr
     import mitsuba as mi
 
@@ -66,8 +65,19 @@ def launch_batch(
     ray = lane & dr.opaque(mi.UInt32, rays - 1)
     index, replicate = ray & dr.opaque(mi.UInt32, points - 1), ray >> dr.opaque(mi.UInt32, points.bit_length() - 1)
     scramble = receiver_seeds(receiver, replicate, dr.opaque(mi.UInt32, seed))
-    origins, directions = receivers.rays(receiver, lambda d: scrambled(table, index, scramble, d))
+    return *receivers.rays(receiver, lambda d: scrambled(table, index, scramble, d)), ray
+
+
+def launch_batch(
+    g: Geometry, p: DevicePatches, receivers: Receivers, rows: I64, rays: int, replicates: int, seed: int
+) -> Traced:
+    """Start tracing `rays` rays from each of `rows`; returns at once."""
+    import drjit as dr
+    import mitsuba as mi
+
+    origins, directions, ray = batch_rays(receivers, rows, rays, replicates, seed)
     column, back = columns_of_rays(g, p, origins, directions)
+    shift = rays.bit_length() - 1
     wide = p.columns << shift > 1 << 32
     key_type = mi.UInt64 if wide else mi.UInt32
     keys = (key_type(column) << dr.opaque(key_type, shift)) | key_type(ray)

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from ..datatypes import F32, F64, I64, U32
+from ..datatypes import F32, F64, I64, U32, Scene
+from ..sky import SKY_BINS, bin_radiance, split_peaks
 from ..visibility import Geometry
 from .accumulate import launch_batch
 from .form_factors import RAYS_PER_BATCH, REPLICATES
@@ -30,6 +31,7 @@ LEAST = 64
 # The pilot's variance of one receiver has few degrees of freedom: it is drawn to the mean of all, which counts as this many.
 PRIOR = 3.0
 STEPS = 20
+PILOT_BOUNCES = 8
 DIM = 0.1
 PILOT_SEED = 7919  # the pilot's rays are others than those of the result
 
@@ -96,6 +98,17 @@ def pilot_matrix(pilot: Pilot, columns: int) -> sparse.csr_array:
     m = sparse.csr_array((data, pilot.columns.ravel().astype(np.int32), indptr), shape=(r, columns))
     m.sum_duplicates()
     return m
+
+
+def guess_light(scene: Scene, p: Patches, pilot: Pilot, direct: F64) -> F64:
+    """Mean colour (columns,) of the light on patches and sky, from the pilot's rays and direct light (P, 3): good enough to
+    say where more rays are needed."""
+    matrix = pilot_matrix(pilot, p.count + SKY_BINS + 1)
+    sky = np.pi * bin_radiance(None if scene.sky is None else split_peaks(scene.sky)[0])
+    b = p.exitance + p.albedo * direct
+    for _ in range(PILOT_BOUNCES):
+        b = p.exitance + p.albedo * (direct + matrix @ np.concatenate([b, sky, np.zeros((1, 3))]))
+    return np.concatenate([b, sky, np.zeros((1, 3))]).mean(axis=1)
 
 
 def allocate(pilot: Pilot, light: F64, weights: F64, noise: float, most: int, least: int = LEAST) -> Allocation:

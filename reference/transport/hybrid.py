@@ -68,13 +68,20 @@ def patch_cells(g: Geometry, p: Patches) -> Cells:
 
 
 def hybrid_form_factors(
-    g: Geometry, p: Patches, raw: FormFactors, noise: float, seed: int, progress: Progress
+    g: Geometry,
+    p: Patches,
+    raw: FormFactors,
+    noise: float,
+    seed: int,
+    progress: Progress,
+    cells: Cells | None = None,
 ) -> Hybrid:
     """Reconciled rows of patches whose standard errors, root sum of squares over a row, root mean square over rows, reach
-    `noise`. raw: rows from rays, for sky and absorbed columns. Raises ValueError for more than MAX_CELLS cells.
+    `noise`. raw: rows from rays, for sky and absorbed columns. cells: of the patches, if they are known.
+
+    Raises ValueError for more than MAX_CELLS cells.
     """
-    cells = patch_cells(g, p)
-    refuse_many(cells)
+    cells = cells or few_cells(g, p)
     found = _exchanges(build_blockers(cells_of(g.vertices, g.faces)), cells, g.scale, progress)
     open_, rays = _shares(g, p, cells, found, noise, seed)
     of_rays, reciprocity = flows_of_rays(raw, p.area)
@@ -84,13 +91,15 @@ def hybrid_form_factors(
     return Hybrid(reconcile_flows(averaged, p.area, raw, closure), clear, blocked, mixed, rays)
 
 
-def refuse_many(cells: Cells) -> None:
-    """Raises ValueError for more than MAX_CELLS cells, whose pairs would take too long."""
+def few_cells(g: Geometry, p: Patches) -> Cells:
+    """`patch_cells`. Raises ValueError for more than MAX_CELLS of them, whose pairs would take too long."""
+    cells = patch_cells(g, p)
     if len(cells.patch) > MAX_CELLS:
         raise ValueError(
             f"closed forms are for at most {MAX_CELLS} cells, and the patches have {len(cells.patch)}: set a larger "
             "radiosity.patch_size, or radiosity.noise to 1e-3 or more"
         )
+    return cells
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,6 @@ that moves costs its own shadow rays and no others.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Hashable
 
 import numpy as np
@@ -114,8 +113,3 @@ def direct_on_patches(
 ) -> F64:
     """Direct light (P, 3), W·m⁻², for one set of lights; see `DirectLight`."""
     return DirectLight(g, p, samples, seed, rows)(scene, progress)
-
-
-def relit_patches(p: Patches, exitance: F64, engine_exitance: F64) -> Patches:
-    """The same patches, shining differently."""
-    return dataclasses.replace(p, exitance=exitance, engine_exitance=engine_exitance)

@@ -17,9 +17,8 @@ from ..datatypes import F64, I64, Bool
 from ..device_arrays import to_f32, to_u32
 from ..low_discrepancy import receiver_seeds, scrambled, sobol_table
 from ..visibility import LIFT, Geometry
+from .form_factors import RAYS_PER_BATCH, REPLICATES
 
-REPLICATES = 8
-RAYS_PER_BATCH = 1 << 21
 LEAST_DISTANCE = 1e-9  # in the unit box
 
 

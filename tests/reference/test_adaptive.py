@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from lightgauge.reference.datatypes import Scene
-from lightgauge.reference.pipeline import guess_light
 from lightgauge.reference.progress import silent
 from lightgauge.reference.sh import irradiance
 from lightgauge.reference.sky import SKY_BINS
@@ -23,6 +22,7 @@ from lightgauge.reference.transport.adaptive import (
     allocate,
     fixed,
     gathered,
+    guess_light,
     pilot_matrix,
     trace_pilot,
 )

@@ -35,7 +35,7 @@ def test_bare_rays_are_those_of_the_form_factors() -> None:
     receivers, rows = patch_receivers(g, p), np.arange(3, p.count)
     device = upload_patches(g, p)
     keys = np.array(launch_batch(g, device, receivers, rows, 64, 8, ray_rows.SEED).keys)
-    columns, _ = columns_of_rays(g, device, *ray_rows.batch_rays(receivers, rows, 64, 8, ray_rows.SEED))
+    columns, _ = columns_of_rays(g, device, *ray_rows.rays_in_memory(receivers, rows, 64, 8, ray_rows.SEED))
     assert (keys >> 6 == np.array(columns)).all()
     assert len(np.unique(np.array(columns))) > 20
 

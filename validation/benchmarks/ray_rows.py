@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from ...reference.datatypes import F64, I64
-from ...reference.low_discrepancy import receiver_seeds, scrambled, sobol_table
 from ...reference.progress import Progress, silent
+from ...reference.transport.accumulate import batch_rays
 from ...reference.transport.form_factors import RAYS_PER_BATCH, REPLICATES, patch_form_factors
 from ...reference.transport.patches import Patches, build_patches
 from ...reference.transport.receivers import Receivers, patch_receivers
@@ -42,22 +42,14 @@ def patched(name: str, patch_size: float) -> tuple[Geometry, Patches]:
     return g, build_patches(scene, g, patch_size)
 
 
-def batch_rays(receivers: Receivers, rows: I64, rays: int, replicates: int, seed: int) -> tuple[Any, Any]:
-    """Origins and directions (rows · rays,) that `accumulate.launch_batch` traces, evaluated. A test holds the two
-    together."""
+def rays_in_memory(receivers: Receivers, rows: I64, rays: int, replicates: int, seed: int) -> tuple[Any, Any]:
+    """Origins and directions (rows · rays,) that `accumulate.launch_batch` traces, evaluated."""
     import drjit as dr
-    import mitsuba as mi
 
-    points = rays // replicates
-    table = sobol_table(points)
-    lane = dr.arange(mi.UInt32, len(rows) * rays)
-    receiver = dr.gather(mi.UInt32, mi.UInt32(rows.astype(np.uint32)), lane >> (rays.bit_length() - 1))
-    ray = lane & (rays - 1)
-    scramble = receiver_seeds(receiver, ray >> (points.bit_length() - 1), dr.opaque(mi.UInt32, seed))
-    made = receivers.rays(receiver, lambda d: scrambled(table, ray & (points - 1), scramble, d))
-    dr.eval(made)
+    origins, directions, _ = batch_rays(receivers, rows, rays, replicates, seed)
+    dr.eval(origins, directions)
     dr.sync_thread()
-    return made
+    return origins, directions
 
 
 def query_seconds(g: Geometry, origins: Any, directions: Any) -> float:
@@ -81,7 +73,7 @@ def bare(g: Geometry, receivers: Receivers, rays: int) -> Task:
         seconds = 0.0
         for begin in range(0, receivers.count, step):
             rows = np.arange(begin, min(begin + step, receivers.count))
-            seconds += query_seconds(g, *batch_rays(receivers, rows, rays, REPLICATES, SEED))
+            seconds += query_seconds(g, *rays_in_memory(receivers, rows, rays, REPLICATES, SEED))
         return seconds
 
     return task

@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from ...datatypes import F64, I32
+from ...device_arrays import to_f32
 from ...variant import ensure_variant
 from ...visibility import Geometry, mitsuba_mesh, triangle_frames
 from .pair_exchange import MOST_PAIRS, exchange
@@ -161,5 +162,4 @@ def geometry_of(meshes: Sequence[Surface]) -> Geometry:
     mesh = mitsuba_mesh("pair", (vertices - centre) / scale, faces)
     caster = mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
     sides = np.ones(len(faces), dtype=np.bool_)
-    device_normals = mi.Float(np.ascontiguousarray(normals, dtype=np.float32).ravel())
-    return Geometry(vertices, faces, normals, areas, owner, ~sides, sides, centre, scale, caster, device_normals)
+    return Geometry(vertices, faces, normals, areas, owner, ~sides, sides, centre, scale, caster, to_f32(normals))
