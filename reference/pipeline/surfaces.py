@@ -1,5 +1,4 @@
-"""The one place that chains the stages: scene → patches → form factors; scene → bitmap → octree → probes → layout;
-lights → radiosity → probe lighting → tiles. `bake` is independent of lighting, `update` is new lighting through it."""
+"""The patch half of the chain: scene → patches → form factors; lights → radiosity; lumels, cubemaps, points."""
 
 from __future__ import annotations
 
@@ -8,34 +7,26 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .clock import Clock
-from .datatypes import F32, F64, Bool, Indirection, Scene, VirtualTexture
-from .errors import InputError
-from .lattice import Octree, make_grid
-from .placement.octree import build_octree, uniform_octree
-from .placement.voxel_bitmap import build_bitmap
-from .progress import Progress, silent
-from .sh import basis
-from .transport.adaptive import LEAST, Allocation, allocate, guess_light, trace_pilot
-from .transport.direct import arriving, punctual_irradiance, punctual_lights, visible
-from .transport.form_factors import FormFactors, form_factors, patch_form_factors, point_form_factors
-from .transport.gather import DeviceRows, gather, upload
-from .transport.hybrid import few_cells, hybrid_form_factors
-from .transport.lumels import Lumels, build_lumels, lumel_receivers
-from .transport.patch_light import direct_on_patches
-from .transport.patches import Patches, auto_patch_size, build_patches
-from .transport.radiosity import Radiosity, solve
-from .transport.receivers import Receivers, patch_receivers, probe_receivers, texel_receivers
-from .transport.reconcile import Reconciled, reconcile
-from .transport.solvers import METHODS
-from .transport.subdivide import subdivided_patches
-from .visibility import Geometry, build_geometry
-from .volume.indirection import build_indirection
-from .volume.layout import TileLayout, build_layout
-from .volume.tiles import fill_tiles, probe_texels
+from ..clock import Clock
+from ..datatypes import F64, Scene
+from ..errors import InputError
+from ..progress import Progress, silent
+from ..transport.adaptive import LEAST, Allocation, allocate, guess_light, trace_pilot
+from ..transport.direct import punctual_irradiance, punctual_lights
+from ..transport.form_factors import FormFactors, form_factors, patch_form_factors, point_form_factors
+from ..transport.gather import DeviceRows, gather, upload
+from ..transport.hybrid import few_cells, hybrid_form_factors
+from ..transport.lumels import Lumels, build_lumels, lumel_receivers
+from ..transport.patch_light import direct_on_patches
+from ..transport.patches import Patches, auto_patch_size, build_patches
+from ..transport.radiosity import Radiosity, solve
+from ..transport.receivers import Receivers, patch_receivers, texel_receivers
+from ..transport.reconcile import Reconciled, reconcile
+from ..transport.solvers import METHODS
+from ..transport.subdivide import subdivided_patches
+from ..visibility import Geometry, build_geometry
 
 PILOT_SHADOW_RAYS = 16
-LEAST_PROBE_RAYS = 128  # for their validity and direction, which the mean light does not show
 CLOSED_FORMS_BELOW = 1e-3  # radiosity.noise: rays alone would need millions for less
 
 
@@ -57,30 +48,6 @@ class Surfaces:
     guess: F64
     allocation: Allocation
     method: str
-    seconds: Mapping[str, float]
-
-
-@dataclass(frozen=True, eq=False)
-class Probes:
-    """The probe half of a bake. valid (R,) bool; rows: SH form factors in octree corner order."""
-
-    octree: Octree
-    rows: FormFactors
-    device_rows: DeviceRows
-    allocation: Allocation
-    valid: Bool
-    layout: TileLayout
-    indirection: Indirection
-    seconds: Mapping[str, float]
-
-
-@dataclass(frozen=True, eq=False)
-class Update:
-    """New lighting through a bake: coefficients (R, 4, 3) f32 radiance SH of real probes, texels (tiles, 27, 13) f32."""
-
-    radiosity: Radiosity
-    coefficients: F32
-    texels: F32
     seconds: Mapping[str, float]
 
 
@@ -145,56 +112,6 @@ def _solved(scene: Scene, surfaces: Surfaces, direct: F64) -> Radiosity:
         raise InputError(f"scene '{scene.name}': {error}") from error
 
 
-def place(scene: Scene, surfaces: Surfaces, seed: int) -> Octree:
-    """The adaptive octree under the scene's controls."""
-    s = scene.settings.placement
-    if not scene.settings.volumes and not any(m.lit_by_probes for m in scene.meshes):
-        raise InputError(
-            f"scene '{scene.name}': no probe placed: no mesh has lit_by = \"probes\" and there is no volume; add one of them"
-        )
-    grid = make_grid(*probe_bounds(scene, surfaces.geometry), s.min_voxel)
-    margin = scene.settings.sampling.normal_offset * grid.finest
-    return build_octree(surfaces.geometry, grid, build_bitmap(scene, grid, margin), s, seed)
-
-
-def place_uniform(scene: Scene, surfaces: Surfaces, voxel: float) -> Octree:
-    """A uniform grid of `voxel` m over the same bounds."""
-    return uniform_octree(make_grid(*probe_bounds(scene, surfaces.geometry), voxel))
-
-
-def probe_bounds(scene: Scene, g: Geometry) -> tuple[F64, F64]:
-    """Bounds (3,), (3,) m of static geometry, moving meshes and volumes."""
-    volumes = scene.settings.volumes.values()
-    lower = [g.lower, *(m.vertices.min(axis=0) for m in scene.meshes), *(np.asarray(v.min) for v in volumes)]
-    upper = [g.upper, *(m.vertices.max(axis=0) for m in scene.meshes), *(np.asarray(v.max) for v in volumes)]
-    return np.min(lower, axis=0), np.max(upper, axis=0)
-
-
-def bake_probes(scene: Scene, surfaces: Surfaces, octree: Octree, seed: int, progress: Progress = silent) -> Probes:
-    """Form factors and validity of the real probes, and the virtual texture's layout.
-
-    Raises InputError if every probe is invalid: the volume would be black.
-    """
-    clock = Clock()
-    s = scene.settings.placement
-    receivers = probe_receivers(surfaces.geometry, octree.positions)
-    allocation = allocated(surfaces, receivers, s.probe_noise, s.probe_rays, seed + 3, LEAST_PROBE_RAYS)
-    rows = form_factors(
-        surfaces.geometry, surfaces.patches, receivers, allocation.rays, seed + 3, progress, "form factors of probes"
-    )
-    valid = rows.back_share <= s.backface_tolerance
-    clock.lap("probe_form_factors")
-    if not valid.any():
-        raise InputError(
-            f"scene '{scene.name}': no probe placed: all {len(valid)} see back faces (placement.backface_tolerance "
-            f"{s.backface_tolerance}); are the meshes inside out, or two_sided meant?"
-        )
-    layout = build_layout(octree)
-    indirection = build_indirection(layout)
-    clock.lap("virtual_texture")
-    return Probes(octree, rows, upload(rows), allocation, valid, layout, indirection, clock.seconds)
-
-
 def allocated(
     surfaces: Surfaces, receivers: Receivers, noise: float, most: int, seed: int, least: int = LEAST
 ) -> Allocation:
@@ -253,17 +170,6 @@ def light_patches(scene: Scene, surfaces: Surfaces, seed: int, progress: Progres
     return PatchLight(direct, radiosity, clock.seconds)
 
 
-def update(scene: Scene, surfaces: Surfaces, probes: Probes, light: PatchLight) -> Update:
-    """Probe lighting from patch light, then the tile cache's texels."""
-    clock = Clock()
-    coefficients = gather(probes.device_rows, light.radiosity.light)
-    coefficients = coefficients + punctual_input(scene, surfaces.geometry, probes.octree.positions)
-    clock.lap("probes")
-    texels = fill_tiles(probes.layout, probe_texels(coefficients, probes.valid))
-    clock.lap("tiles")
-    return Update(light.radiosity, coefficients, texels, clock.seconds)
-
-
 def gather_at_points(
     scene: Scene, surfaces: Surfaces, light: PatchLight, positions: F64, normals: F64, seed: int
 ) -> F64:
@@ -276,19 +182,3 @@ def gather_at_points(
     for item in punctual_lights(scene, "input"):
         total += punctual_irradiance(g, item, positions, normals)
     return total
-
-
-def punctual_input(scene: Scene, g: Geometry, positions: F64) -> F32:
-    """Radiance SH (R, 4, 3) f32 at probes (R, 3) of punctual lights tagged `input`: Y(ω) E⊥ where not shadowed."""
-    total = np.zeros((len(positions), 4, 3))
-    for light in punctual_lights(scene, "input"):
-        towards, distance, facing = arriving(light, positions)
-        seen = visible(g, positions, None, towards, distance)
-        total += basis(towards)[:, :, None] * (facing * seen[:, None])[:, None, :]
-    return total.astype(np.float32)
-
-
-def virtual_texture(probes: Probes, texels: F32) -> VirtualTexture:
-    """What a sampler reads."""
-    grid = probes.octree.grid
-    return VirtualTexture(grid.origin, grid.finest, grid.level, grid.extent, probes.indirection, texels)

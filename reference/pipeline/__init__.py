@@ -1,0 +1,44 @@
+"""The one place that chains the stages: scene → patches → form factors; scene → bitmap → octree → probes → layout;
+lights → radiosity → probe lighting → tiles. `bake` is independent of lighting, `update` is new lighting through it."""
+
+from .probes import (
+    Probes,
+    Update,
+    bake_probes,
+    place,
+    place_uniform,
+    probe_bounds,
+    punctual_input,
+    update,
+    virtual_texture,
+)
+from .surfaces import (
+    PatchLight,
+    SurfaceReceivers,
+    Surfaces,
+    allocated,
+    bake_receivers,
+    bake_surfaces,
+    gather_at_points,
+    light_patches,
+)
+
+__all__ = [
+    "PatchLight",
+    "Probes",
+    "SurfaceReceivers",
+    "Surfaces",
+    "Update",
+    "allocated",
+    "bake_probes",
+    "bake_receivers",
+    "bake_surfaces",
+    "gather_at_points",
+    "light_patches",
+    "place",
+    "place_uniform",
+    "probe_bounds",
+    "punctual_input",
+    "update",
+    "virtual_texture",
+]
