@@ -10,30 +10,12 @@ import json
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-Vec3 = tuple[float, float, float]
-Unit = Annotated[float, Field(ge=0.0, lt=1.0)]
-Albedo = tuple[Unit, Unit, Unit]
-NonNegative = Annotated[float, Field(ge=0.0)]
-Colour = tuple[NonNegative, NonNegative, NonNegative]
-Positive = Annotated[float, Field(gt=0.0)]
-Tag = Literal["engine", "input"]
+from .config_base import Albedo, Colour, Frozen, NonNegative, Positive, Tag, Vec3, power_of_two
+from .config_placement import BoxSettings, LimitSettings, MarkSettings, PlacementSettings, VolumeSettings
+
 BLACK: Colour = (0.0, 0.0, 0.0)
-
-
-def _power_of_two(value: int) -> int:
-    if value & (value - 1):
-        raise ValueError(
-            f"must be a power of two, as {1 << (value.bit_length() - 1)} or {1 << value.bit_length()}, got {value}"
-        )
-    return value
-
-
-class Frozen(BaseModel):
-    """Base of all settings: immutable, no unknown keys, no NaN or infinity."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class MaterialSettings(Frozen):
@@ -141,31 +123,12 @@ Light = Annotated[
 Punctual = PointLight | SpotLight | DirectionalLight
 
 
-class BoxSettings(Frozen):
-    """Axis-aligned box, m."""
-
-    min: Vec3
-    max: Vec3
-
-    @model_validator(mode="after")
-    def _check(self) -> BoxSettings:
-        if any(b <= a for a, b in zip(self.min, self.max, strict=True)):
-            raise ValueError(f"max must exceed min on every axis, got min {self.min} and max {self.max}")
-        return self
-
-
-class VolumeSettings(BoxSettings):
-    """Box that moving meshes or fog may enter: probes are wanted in it, at voxel size `probe_size`, m."""
-
-    probe_size: Positive | None = None
-
-
 class CubemapSettings(Frozen):
     """Cubemap of indirect radiance that a bake keeps: `size` texels an edge, `rays` per texel (a power of two)."""
 
     position: Vec3
     size: Annotated[int, Field(ge=1, le=256)] = 16
-    rays: Annotated[int, Field(ge=64, le=4096), AfterValidator(_power_of_two)] = 64
+    rays: Annotated[int, Field(ge=64, le=4096), AfterValidator(power_of_two)] = 64
 
 
 class CameraSettings(Frozen):
@@ -191,27 +154,6 @@ class CameraSettings(Frozen):
         return self
 
 
-class PlacementSettings(Frozen):
-    """Octree placement (talk, "Adaptive subdivision").
-
-    min_voxel: finest voxel size, m; without it the longest side of the scene / 64.
-    threshold: a voxel is close to surfaces if a corner's harmonic mean distance is under this many of its sizes.
-    rays: Fibonacci directions per corner.
-    probe_rays: rays for the form factors of one real probe at most, a power of two. probe_noise: relative
-    standard error of the light that probes gather, root mean square, at which they need no more of them.
-    backface_tolerance: share of back-face hits above which a probe is invalid.
-    max_probes: refused above this many real probes.
-    """
-
-    min_voxel: Positive | None = None
-    threshold: Positive = 2.0
-    rays: Annotated[int, Field(ge=16, le=4096)] = 64
-    probe_rays: Annotated[int, Field(ge=64, le=65536), AfterValidator(_power_of_two)] = 4096
-    probe_noise: Positive = 0.02
-    backface_tolerance: Annotated[float, Field(ge=0.0, le=1.0)] = 0.1
-    max_probes: Annotated[int, Field(ge=8)] = 400_000
-
-
 class RadiositySettings(Frozen):
     """Patches and radiosity.
 
@@ -227,7 +169,7 @@ class RadiositySettings(Frozen):
 
     patch_size: Positive | None = None
     patch_error: Positive | None = None
-    rays: Annotated[int, Field(ge=64, le=1_048_576), AfterValidator(_power_of_two)] = 4096
+    rays: Annotated[int, Field(ge=64, le=1_048_576), AfterValidator(power_of_two)] = 4096
     noise: Positive = 0.02
     shadow_rays: Annotated[int, Field(ge=1, le=4096)] = 64
     tolerance: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-5
@@ -235,9 +177,11 @@ class RadiositySettings(Frozen):
 
 
 class SamplingSettings(Frozen):
-    """`normal_offset`: sample this many finest voxels off the surface along its normal."""
+    """`normal_offset`: sample this many finest voxels off the surface along its normal. `lod_distance`: the finest level of
+    detail serves up to this far from the viewer, m, the next one up to twice as far, and so on; without it everywhere."""
 
     normal_offset: Annotated[float, Field(ge=0.0, le=4.0)] = 0.5
+    lod_distance: Positive | None = None
 
 
 class TruthSettings(Frozen):
@@ -260,8 +204,15 @@ class ExpectSettings(Frozen):
     """What is known of the right answer. dark: boxes in which the indirect light is exactly 0. closed_sphere: the
     scene is the inside of a sphere, whose radiosity has a closed form."""
 
-    dark: dict[str, BoxSettings] = {}
+    dark: dict[str, BoxSettings] = Field(default_factory=dict)
     closed_sphere: bool = False
+
+
+class WorldSettings(Frozen):
+    """`rotation`, degrees, turns all of the scene (not the probe lattice) before anything else: about y, or about x, then y,
+    then z through the world's origin."""
+
+    rotation: float | Vec3 = 0.0
 
 
 class SceneSettings(Frozen):
@@ -269,12 +220,15 @@ class SceneSettings(Frozen):
 
     description: str = ""
     unit_m: Positive = 1.0
+    scene: WorldSettings = WorldSettings()
     materials: dict[str, MaterialSettings]
     meshes: dict[str, MeshSettings]
-    lights: dict[str, Light] = {}
-    volumes: dict[str, VolumeSettings] = {}
-    cubemaps: dict[str, CubemapSettings] = {}
-    cameras: dict[str, CameraSettings] = {}
+    lights: dict[str, Light] = Field(default_factory=dict)
+    volumes: dict[str, VolumeSettings] = Field(default_factory=dict)
+    marks: dict[str, MarkSettings] = Field(default_factory=dict)
+    limits: dict[str, LimitSettings] = Field(default_factory=dict)
+    cubemaps: dict[str, CubemapSettings] = Field(default_factory=dict)
+    cameras: dict[str, CameraSettings] = Field(default_factory=dict)
     placement: PlacementSettings = PlacementSettings()
     radiosity: RadiositySettings = RadiositySettings()
     sampling: SamplingSettings = SamplingSettings()

@@ -61,14 +61,14 @@ class Octree:
         return self.grid.corner_positions(self.corners)
 
 
-def make_grid(lower: F64, upper: F64, finest: float | None) -> Grid:
-    """Root cube over the bounds (3,), m, shifted off them.
+def make_grid(lower: F64, upper: F64, finest: float | None, shift: F64 | float = SHIFT) -> Grid:
+    """Root cube over the bounds (3,), m, shifted off them by `shift`, a number or (3,), in finest voxels.
 
     Raises InputError if `finest` needs more than MAX_LEVEL levels.
     """
     extent = upper - lower
     size = finest if finest is not None else float(extent.max()) / AUTO_VOXELS
-    voxels = np.ceil(extent / size + 2 * SHIFT).astype(np.int64)
+    voxels = np.ceil(extent / size + shift + SHIFT).astype(np.int64)
     level = max(1, math.ceil(math.log2(int(voxels.max()))))
     if level > MAX_LEVEL:
         least = float(extent.max()) / 2 ** (MAX_LEVEL - 1)
@@ -76,7 +76,7 @@ def make_grid(lower: F64, upper: F64, finest: float | None) -> Grid:
             f"placement.min_voxel: {size:g} m needs {level} octree levels over {extent.max():g} m, at most {MAX_LEVEL} "
             f"are supported; use {least:.3g} or more"
         )
-    return Grid(lower - SHIFT * size, float(size), level, voxels)
+    return Grid(lower - shift * size, float(size), level, voxels)
 
 
 def keys(cells: npt.NDArray[np.integer]) -> I64:

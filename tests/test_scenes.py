@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import trimesh
-from lightgauge.reference.config import BoxSettings, SceneSettings
+from lightgauge.reference.config import SceneSettings
+from lightgauge.reference.config_placement import BoxSettings
 from lightgauge.reference.scene import load_scene
 
 SCENES = Path(__file__).resolve().parent.parent / "scenes"

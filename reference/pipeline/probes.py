@@ -10,7 +10,7 @@ import numpy as np
 from ..clock import Clock
 from ..datatypes import F32, F64, Bool, Indirection, Scene, VirtualTexture
 from ..errors import InputError
-from ..lattice import Octree, make_grid
+from ..lattice import SHIFT, Octree, make_grid
 from ..placement.octree import build_octree, uniform_octree
 from ..placement.voxel_bitmap import build_bitmap
 from ..progress import Progress, silent
@@ -54,14 +54,14 @@ class Update:
     seconds: Mapping[str, float]
 
 
-def place(scene: Scene, surfaces: Surfaces, seed: int) -> Octree:
-    """The adaptive octree under the scene's controls."""
+def place(scene: Scene, surfaces: Surfaces, seed: int, shift: F64 | float = SHIFT) -> Octree:
+    """The adaptive octree under the scene's controls. shift: of the lattice, in finest voxels (see `make_grid`)."""
     s = scene.settings.placement
     if not scene.settings.volumes and not any(m.lit_by_probes for m in scene.meshes):
         raise InputError(
             f"scene '{scene.name}': no probe placed: no mesh has lit_by = \"probes\" and there is no volume; add one of them"
         )
-    grid = make_grid(*probe_bounds(scene, surfaces.geometry), s.min_voxel)
+    grid = make_grid(*probe_bounds(scene, surfaces.geometry), s.min_voxel, shift)
     margin = scene.settings.sampling.normal_offset * grid.finest
     return build_octree(surfaces.geometry, grid, build_bitmap(scene, grid, margin), s, seed)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..config import PlacementSettings
+from ..config_placement import PlacementSettings
 from ..datatypes import F64, I32, I64
 from ..errors import InputError
 from ..lattice import OCTANTS, Grid, Octree, cells, index_of, keys, unique_cells

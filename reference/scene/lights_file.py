@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from ..config import Frozen, ImageSky, Light
+from ..config import ImageSky, Light
+from ..config_base import Frozen
 from ..datatypes import F32, Sky
 from ..errors import InputError
 from .doors import check_area_lights, check_values

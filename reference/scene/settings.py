@@ -12,21 +12,22 @@ from pydantic import ValidationError
 
 from .. import config
 from ..config import SceneSettings
+from ..config_base import Frozen
 from ..errors import InputError
 from .document import Document
 from .names import MAX_NAME, clean
 
-NAMED_TABLES = ("materials", "meshes", "lights", "volumes", "cameras", "cubemaps")
+NAMED_TABLES = ("materials", "meshes", "lights", "volumes", "marks", "limits", "cameras", "cubemaps")
 LIGHT_TYPES = ("point", "spot", "directional", "area", "sky", "image_sky")
 POSITIONS = {"cameras": ("origin", "target"), "lights": ("position",)}
-Model = TypeVar("Model", bound=config.Frozen)
+Model = TypeVar("Model", bound=Frozen)
 MAX_DEPTH = 12
 MAX_MESSAGES = 12
 KNOWN_KEYS = sorted(
     {
         key
         for model in vars(config).values()
-        if isinstance(model, type) and issubclass(model, config.Frozen)
+        if isinstance(model, type) and issubclass(model, Frozen)
         for key in model.model_fields
     }
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from lightgauge.reference.config import PlacementSettings
+from lightgauge.reference.config_placement import PlacementSettings
 from lightgauge.reference.datatypes import F64
 from lightgauge.reference.errors import InputError
 from lightgauge.reference.lattice import OCTANTS, Grid, Octree, keys
