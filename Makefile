@@ -12,6 +12,6 @@ test: setup
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	bash .ci/typecheck
-	.venv/bin/pytest
+	.venv/bin/pytest -n 2 --dist loadfile
 	.venv/bin/lightgauge report --quiet
 	.venv/bin/lightgauge gate reports/latest --gates gates.toml --every-scene

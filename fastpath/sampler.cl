@@ -87,8 +87,8 @@ static int3 tile_cell(float3 q, float edge, int3 dims) {
 }
 
 kernel void sample(CACHE, global const uint *indirection, global const int *lods, Grid grid, int lod,
-                   global const float *positions, global const float *normals, global float *irradiance,
-                   global int *levels, global float *weights) {
+                   global const int *own_lods, global const float *positions, global const float *normals,
+                   global float *irradiance, global int *levels, global float *weights) {
     int id = get_global_id(0);
     float3 p = vload3(id, positions);
     if (any(isnan(p))) {
@@ -104,7 +104,8 @@ kernel void sample(CACHE, global const uint *indirection, global const int *lods
     Texel t;
     t.red = t.green = t.blue = (float4)(0.0f);
     t.weight = 0.0f;
-    for (int ask = lod; ask >= 1; ask = level - 1) {
+    /* own_lods: each sample's level of detail, null where all share `lod` */
+    for (int ask = own_lods ? own_lods[id] : lod; ask >= 1; ask = level - 1) {
         /* lods holds, per LOD, the first texel and the dimensions */
         int4 l = vload4(ask - 1, lods);
         int3 cell = tile_cell(q, (float)(1 << (finest - ask + 1)), l.yzw);

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..reference.datatypes import F32, F64, Samples, VirtualTexture
+from ..reference.datatypes import F32, F64, I32, Samples, VirtualTexture, check_lod
 from .device import OpenDevice
 from .layout import LIGHT_TYPE, WEIGHT_STEPS, CacheTextures, Storage, cache_textures, grid_words, lod_table
 
@@ -41,24 +41,26 @@ class Sampler:
         self.bytes = self._cache.bytes + texture.indirection.texels.nbytes
         self.seconds = 0.0
 
-    def __call__(self, positions: F32 | F64, normals: F32 | F64, lod: int | None = None) -> Samples:
-        """Irradiance at `positions` (N, 3) m for unit `normals` (N, 3); see reference/volume/sampler.py.
+    def __call__(self, positions: F32 | F64, normals: F32 | F64, lod: int | I32 | None = None) -> Samples:
+        """Irradiance at `positions` (N, 3) m for unit `normals` (N, 3); `lod`: finest level to use, one for all or (N,) i32;
+        see reference/volume/sampler.py.
 
         Raises ValueError on other shapes, and for a `lod` that the texture does not have.
         """
-        if lod is not None and not 1 <= lod <= self._level:
-            raise ValueError(f"lod must be 1 … {self._level}, got {lod}")
         if positions.ndim != 2 or positions.shape[1] != 3 or positions.shape != normals.shape:
             raise ValueError(f"expected positions and normals (N, 3), got {positions.shape} and {normals.shape}")
+        n = len(positions)
+        check_lod(lod, self._level, n)
+        asked = np.asarray(self._level if lod is None else lod, dtype=np.int32)
         import pyopencl as cl
 
-        n = len(positions)
         if n == 0:
             return Samples(np.zeros((0, 3), np.float32), np.zeros(0, np.int32), np.zeros(0, np.float32))
         context, queue = self._device.context, self._device.queue
         read = cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR
         p = cl.Buffer(context, read, hostbuf=np.ascontiguousarray(positions, dtype=np.float32))
         d = cl.Buffer(context, read, hostbuf=np.ascontiguousarray(normals, dtype=np.float32))
+        own_lods = cl.Buffer(context, read, hostbuf=np.ascontiguousarray(asked)) if asked.ndim else None
         irradiance, levels = np.empty((n, 3), np.float32), np.empty(n, np.int32)
         weight = np.empty(n, np.float32)
         outs = [cl.Buffer(context, cl.mem_flags.WRITE_ONLY, a.nbytes) for a in (irradiance, levels, weight)]
@@ -67,7 +69,8 @@ class Sampler:
             self._indirection,
             self._lods,
             self._grid,
-            np.int32(lod or self._level),
+            np.int32(0 if asked.ndim else asked),
+            own_lods,
             p,
             d,
             *outs,

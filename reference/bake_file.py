@@ -15,24 +15,22 @@ says otherwise is refused: arrays cannot overlap, leave gaps or end outside the 
 
 from __future__ import annotations
 
-import contextlib
-import errno
 import hashlib
 import json
 import math
 import mmap
 import os
-import secrets
 import stat
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .errors import EnvironmentLacks, InputError
+from .errors import InputError
+from .whole_file import whole_file
 
 MAGIC = b"LGBAKE\n\0"
 VERSION = 1  # to be raised whenever the layout of the file or the meaning of an array changes
@@ -48,7 +46,6 @@ _PREFIX = struct.Struct("<8sIQ")
 _DIGEST = hashlib.sha256().digest_size
 _ENTRY = {"name": str, "dtype": str, "shape": list, "offset": int, "nbytes": int}
 _NAMES = {np.dtype(full): name for name, full in DTYPES.items()}
-_DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 Array = npt.NDArray[Any]
 
@@ -66,7 +63,7 @@ def write_bake(path: Path, header: Mapping[str, Any], arrays: Mapping[str, Array
     packed = {name: _packed(name, array) for name, array in arrays.items()}
     raw = _header(header, packed)
     head = _PREFIX.pack(MAGIC, VERSION, len(raw)) + raw
-    with _whole(path) as file:
+    with whole_file(path, "bake") as file:
         file.write(head + hashlib.sha256(head).digest())
         digest, at = hashlib.sha256(), 0
         for array in packed.values():
@@ -130,40 +127,6 @@ def _header(header: Mapping[str, Any], packed: Mapping[str, Array]) -> bytes:
     if not (same and isinstance(header["metadata"], dict) and len(raw) <= MAX_HEADER - ALIGNMENT):
         raise ValueError(f"metadata must be an object with texts as keys, all in all under {MAX_HEADER} bytes")
     return raw + _blanks(raw)
-
-
-@contextlib.contextmanager
-def _whole(path: Path) -> Iterator[IO[bytes]]:
-    """A temporary file beside `path`, synced and renamed to it at the end; on any error or Ctrl-C it is removed."""
-    target = Path(os.path.realpath(path))  # a link keeps pointing where it points
-    temporary = target.parent / f".lightgauge-{secrets.token_hex(8)}.tmp"
-    try:
-        if target.exists() and not target.is_file():  # root could put a file in the place of a device
-            raise InputError(f"{path}: is not a file, so no bake is written there; give the name of a file: --out FILE")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with temporary.open("xb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
-        _sync_folder(target.parent)
-    except OSError as error:
-        what = f"{path}: cannot be written ({error.strerror or error})"
-        if error.errno in _DISK_FULL:
-            raise EnvironmentLacks(f"{what}. To mend it: free space there, or --out FILE elsewhere") from None
-        raise InputError(f"{what}; choose another place: --out FILE") from None
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make a rename last through a power cut."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _read_header(file: IO[bytes]) -> tuple[dict[str, Any], int]:

@@ -56,7 +56,8 @@ class PlacementSettings(Frozen):
     """Octree placement (talk, "Adaptive subdivision").
 
     min_voxel: finest voxel size, m; without it the longest side of the scene / 64.
-    bitmap: voxel bitmap file laid over what meshes, volumes and marks ask for (an edit, or an engine's own).
+    bitmap: voxel bitmap file laid over what meshes, volumes and marks ask for, limits included (an edit, or an engine's own;
+    reference/bitmap_file.py has the format). In the scene's folder, or as typed where the command line gives it.
     threshold: a voxel is close to surfaces if a corner's harmonic mean distance is under this many of its sizes.
     touching: a voxel that a surface lit by probes touches is close to it, whatever the harmonic mean says (it is blind to
     thin and far things, failure-catalogue C6).

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -86,11 +86,42 @@ class Sky:
 
 
 @dataclass(frozen=True, eq=False)
+class Mark:
+    """Geometry that no light meets and that marks the voxel bitmap at voxel size `probe_size`, m, or the finest.
+
+    vertices: (V, 3) f64 m. faces: (F, 3) i32, watertight if kind is "closed", none if it is "points".
+    """
+
+    name: str
+    kind: Literal["surface", "closed", "points"]
+    vertices: F64
+    faces: I32
+    probe_size: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class BitmapLayer:
+    """One layer of a voxel bitmap file: cubes of edge `size`, m; cell (i, j, k) has its lower corner at
+    `origin` + `size` · (i, j, k), m.
+
+    origin: (3,) f64 m. cells: (N, 3) i64, in any order. mode: "add" marks the cells at their size; "place" marks them and has
+    them placed even where no surface is near; "remove" unmarks what earlier layers and the scene marked in them, at their
+    size and finer.
+    """
+
+    origin: F64
+    size: float
+    cells: I64
+    mode: Literal["add", "place", "remove"] = "add"
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
     """A validated scene. `settings` holds punctual lights, volumes, cameras and the controls of every stage.
 
     notes: what the loader converted or ignored, one sentence each. content_hash: SHA-256 over all that the result
-    depends on (arrays and settings).
+    depends on (arrays and settings). marks: geometry that only marks the voxel bitmap. bitmap: layers of the file that
+    `placement.bitmap` names, first to last.
     """
 
     name: str
@@ -100,6 +131,8 @@ class Scene:
     sky: Sky | None
     notes: tuple[str, ...]
     content_hash: str
+    marks: tuple[Mark, ...] = ()
+    bitmap: tuple[BitmapLayer, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +152,8 @@ class VirtualTexture:
 
     origin (3,) f64 m and finest, m: corner and size of the finest voxel; level L; extent (3,) i64 finest voxels.
     texels (tiles, 27, 13) f32 in slot order, x slowest within a tile: 4 SH coefficients of red, of green, of blue,
-    multiplied by the weight, and the weight.
+    multiplied by the weight, and the weight. offset_voxel, m: the voxel that `sampling.normal_offset` counts in where it is not
+    the finest (`Grid.wanted`).
     """
 
     origin: F64
@@ -128,6 +162,7 @@ class VirtualTexture:
     extent: I64
     indirection: Indirection
     texels: F32
+    offset_voxel: float | None = None
 
 
 def pre_exposure(texels: F32) -> float:
@@ -141,6 +176,18 @@ def weight_ratio(stored: F32, exact: F32) -> F32:
     """What light is to be multiplied by where a weight is stored rounded: stored / exact, 1 where the weight is 0."""
     positive = exact > 0.0
     return np.where(positive, stored / np.where(positive, exact, np.float32(1.0)), np.float32(1.0)).astype(np.float32)
+
+
+def check_lod(lod: int | I32 | None, levels: int, samples: int) -> None:
+    """Raises ValueError unless `lod` is None, or within 1 … `levels`: one number, or one for each of `samples`."""
+    if lod is None:
+        return
+    asked = np.asarray(lod)
+    if asked.shape not in ((), (samples,)) or asked.dtype.kind not in "iu":
+        raise ValueError(f"lod must be a whole number or ({samples},) of them, got {asked.dtype} {asked.shape}")
+    if asked.size and (asked.min() < 1 or asked.max() > levels):
+        outside = asked.min() if asked.min() < 1 else asked.max()
+        raise ValueError(f"lod must be 1 … {levels}, got {outside}")
 
 
 @dataclass(frozen=True, eq=False)

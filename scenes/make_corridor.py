@@ -39,6 +39,9 @@ middle = { origin = [4.6, 1.6, 0.5], target = [8.6, 1.0, 1.2], fov_deg = 75.0 }
 [placement]
 min_voxel = 0.25
 
+[sampling]
+normal_offset = 0.25
+
 [radiosity]
 patch_size = 0.3
 

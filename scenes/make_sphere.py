@@ -33,6 +33,9 @@ inside = { origin = [0.0, 0.1, 0.8], target = [0.0, 0.0, -1.0], fov_deg = 80.0 }
 min_voxel = 0.15
 probe_noise = 0.01
 
+[sampling]
+normal_offset = 1.0
+
 [radiosity]
 patch_size = 0.2
 rays = 16384

@@ -40,6 +40,13 @@ def test_later_wins_over_file(tmp_path: Path) -> None:
     assert made == {"placement": {"min_voxel": 0.25, "rays": 64}}
 
 
+def test_a_bitmap_is_laid_over_last() -> None:
+    made = read_overrides(None, ["placement.bitmap=a.json", "placement.rays=64"], Path("b.json"))
+    assert made == {"placement": {"bitmap": "b.json", "rays": 64}}
+    with pytest.raises(InputError, match=r"--bitmap b\.json: 'placement' is a table"):
+        read_overrides(None, ["placement=3"], Path("b.json"))
+
+
 def test_table_against_value() -> None:
     with pytest.raises(InputError, match="'a' is a table"):
         merge({"a": {"b": 1}}, {"a": 2}, "--set a=2")

@@ -321,9 +321,10 @@ def test_trees_are_closed_and_rooted(tree: str) -> None:
     assert len(crown.split()) >= 80  # lumps that do not touch
 
 
-def test_the_right_hand_tree_has_half_the_resolution() -> None:
+def test_finer_things_ask_for_finer_voxels() -> None:
     m = settings("house").meshes
-    assert m["tree_b_crown"].probe_size == 2.0 * (m["tree_a_crown"].probe_size or 0.0)
+    sizes = [m[name].probe_size or 0.0 for name in ("terrain", "tree_a_crown", "house_walls")]
+    assert sizes == sorted(sizes, reverse=True) and len(set(sizes)) == 3
 
 
 def test_valley_is_large_and_nothing_floats() -> None:

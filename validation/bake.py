@@ -11,7 +11,7 @@ from ..fastpath.device import OpenDevice
 from ..fastpath.layout import Storage
 from ..fastpath.sampler import Sampler
 from ..reference import pipeline
-from ..reference.datatypes import F64, Samples, Scene, VirtualTexture
+from ..reference.datatypes import F32, F64, Samples, Scene, VirtualTexture
 from ..reference.lattice import Octree
 from ..reference.progress import Progress
 from ..reference.truth.points import Points
@@ -22,12 +22,14 @@ REPEATS = 5
 
 @dataclass(frozen=True, eq=False)
 class Baked:
-    """A scene through bake and update, and its texture on the device. cost: counts, bytes and milliseconds by name."""
+    """A scene through bake and update, and its texture on the device. coefficients (R, 4, 3) f32: radiance SH of the real probes.
+    cost: counts, bytes and milliseconds by name."""
 
     scene: Scene
     surfaces: pipeline.Surfaces
     probes: pipeline.Probes
     light: pipeline.PatchLight
+    coefficients: F32
     texture: VirtualTexture
     sampler: Sampler
     cost: dict[str, float]
@@ -53,18 +55,23 @@ def bake(
         "real_probes": len(probes.valid),
         "valid_probes": valid,
         "invalid_probes": len(probes.valid) - valid,
+        "copied_probes": int((probes.light_from >= 0).sum()) - valid,
         "virtual_probes": probes.layout.virtual_probes,
         "tiles": probes.layout.tiles,
         "probe_bytes": probes.rows.bytes,
         "texture_bytes": sampler.bytes,
+        "probe_entries": len(probes.rows.columns),
+        "probe_gather_ms": 1e3 * statistics.median(u.seconds["probes"] for u in updates),
         "probe_update_ms": 1e3 * statistics.median(sum(u.seconds.values()) for u in updates),
     }
-    return Baked(scene, surfaces, probes, light, texture, sampler, cost)
+    return Baked(scene, surfaces, probes, light, first.coefficients, texture, sampler, cost)
 
 
-def lifted(scene: Scene, texture: VirtualTexture, points: Points) -> F64:
-    """Where a receiver is sampled, (N, 3) m: off its surface along the normal, in finest voxels; free points stay."""
-    offset = scene.settings.sampling.normal_offset * texture.finest
+def lifted(scene: Scene, texture: VirtualTexture, points: Points, voxels: float | None = None) -> F64:
+    """Where a receiver is sampled, (N, 3) m: off its surface along the normal by as many finest voxels as the scene asks for, or by
+    `voxels` of them; free points stay."""
+    asked = scene.settings.sampling.normal_offset if voxels is None else voxels
+    offset = asked * (texture.offset_voxel or texture.finest)
     on_surface = points.mesh >= 0
     return np.asarray(points.positions + np.where(on_surface[:, None], offset, 0.0) * points.normals)
 

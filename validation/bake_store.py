@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from ..reference.bake_file import WAY_OUT, read_bake, write_bake
 from ..reference.config import SceneSettings
-from ..reference.datatypes import F64, Bool, Material, Mesh, Scene, Sky
+from ..reference.datatypes import F64, I32, Bool, Material, Mesh, Scene, Sky
 from ..reference.errors import InputError
 from ..reference.sky import SKY_BINS
 from ..reference.transport.form_factors import FormFactors
@@ -36,7 +36,8 @@ ROW_ARRAYS = ("indptr", "columns", "values", "back_share", "rays", "se")
 class Bake:
     """What a bake file holds. scene: without textures and uvs, whose means the patches hold. rows: by receiver.
 
-    probe_positions (R, 3) m; probe_valid (R,). facts: what the bake found out about itself, for people and reports.
+    probe_positions (R, 3) m; probe_valid (R,); light_from (R,) i32: whose light each probe uses, -1 for none. facts: what the bake
+    found out about itself, for people and reports.
     """
 
     scene: Scene
@@ -45,6 +46,7 @@ class Bake:
     rows: Mapping[str, FormFactors]
     probe_positions: F64
     probe_valid: Bool
+    light_from: I32
     lumels: Lumels
     facts: Mapping[str, Any]
 
@@ -55,6 +57,7 @@ def save(path: Path, bake: Bake) -> None:
     arrays: Arrays = {
         "probes.positions": bake.probe_positions,
         "probes.valid": bake.probe_valid,
+        "probes.light_from": bake.light_from,
         **{f"lumels.{f.name}": getattr(bake.lumels, f.name) for f in dataclasses.fields(Lumels)},
     }
     for number, mesh in enumerate(scene.meshes):
@@ -123,7 +126,8 @@ def _bake(header: Mapping[str, Any], arrays: Arrays) -> Bake:
     scene = Scene(header["scene"], settings, meshes, materials, sky, tuple(meta["notes"]), header["scene_hash"])
     lumels = Lumels(**{f.name: arrays[f"lumels.{f.name}"] for f in dataclasses.fields(Lumels)})
     return Bake(
-        scene, meta["seed"], patches, rows, arrays["probes.positions"], arrays["probes.valid"], lumels, meta["facts"]
+        scene, meta["seed"], patches, rows, arrays["probes.positions"], arrays["probes.valid"], arrays["probes.light_from"],
+        lumels, meta["facts"],
     )  # fmt: skip
 
 
@@ -145,6 +149,7 @@ def _checked(bake: Bake) -> Bake:
     _within("patches.start", p.start, elements + 1)
     _within("patches.twin", p.twin, p.front)
     _within("patches.emitter", p.emitter + 1, len(bake.scene.meshes) + 1)
+    _within("probes.light_from", bake.light_from + 1, len(bake.probe_positions) + 1)
     for side in (p.element_patch, p.element_back):
         _within("an element's patch", side + 1, p.count + 1)
     counts = {PATCHES: p.count, PROBES: len(bake.probe_positions), LUMELS: bake.lumels.count}

@@ -45,7 +45,7 @@ def bake_scene(scene: Scene, out: Path, seed: int, quiet: bool) -> dict[str, Any
         "rms_row_se": {name: _rms(r.row_se) for name, r in rows.items()},
     }
     kept = Bake(
-        scene, seed, surfaces.patches, rows, probes.octree.positions, probes.valid, others.lumels, facts
+        scene, seed, surfaces.patches, rows, probes.octree.positions, probes.valid, probes.light_from, others.lumels, facts
     )  # fmt: skip
     save(out, kept)
     return {
@@ -57,7 +57,7 @@ def bake_scene(scene: Scene, out: Path, seed: int, quiet: bool) -> dict[str, Any
         "facts": facts,
         "seconds": {**surfaces.seconds, **probes.seconds},
         "peak_rss_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-        "notes": list(scene.notes),
+        "notes": [*scene.notes, *pipeline.bitmap(scene, probes.octree.grid).notes],
     }
 
 

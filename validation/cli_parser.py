@@ -17,6 +17,8 @@ EXAMPLES = {
     "run": "lightgauge run cornell\n"
     "lightgauge run cornell two-rooms sphere --out /tmp/a --json\n"
     "lightgauge run house --set placement.min_voxel=0.25 --seed 3\n"
+    "lightgauge run two-rooms --set scene.rotation=30 --set placement.min_voxel=0.5 --explain-leaks --out /tmp/l\n"
+    "lightgauge run two-rooms --bitmap edit.json\n"
     "lightgauge run model.glb --set 'lights.sun.direction=[-0.4,-1,-0.3]'",
     "report": "lightgauge report\nlightgauge report --out /tmp/all --quiet",
     "chart": "lightgauge chart cornell\nlightgauge chart cornell --out /tmp/ch --json",
@@ -29,7 +31,8 @@ EXAMPLES = {
     "lightgauge formfactor dome.ply dome.ply --json",
     "bench": "lightgauge bench transport\n"
     "lightgauge bench transport --json --out /tmp/bench\n"
-    "lightgauge bench transport --row rays_vs_embree_2k --row boxinbox_hybrid_rms",
+    "lightgauge bench transport --row rays_vs_embree_2k --row boxinbox_hybrid_rms\n"
+    "lightgauge bench placement --row valley_place_s",
     "gate": "lightgauge gate reports/latest\n"
     "lightgauge gate reports/run --scene cornell --scene sphere\n"
     "lightgauge gate /tmp/a --gates gates.toml --junit gate.xml --markdown gate.md",
@@ -94,12 +97,28 @@ def _measuring(verbs: Any, name: str, text: str, out: str, *, scenes: bool) -> N
     parser = _verb(verbs, name, text)
     if scenes:
         parser.add_argument("scene", nargs="+", metavar="SCENE", help=SCENE_HELP)
+        _bitmap(parser)
     _settings(parser)
     parser.add_argument(
         "--out", type=Path, default=Path(out), metavar="DIR", help=f"folder for page and results (default {out})"
     )
+    if name == "run":
+        parser.add_argument(
+            "--explain-leaks",
+            action="store_true",
+            help="say which walls leak, from which probes, and write and measure the bitmap edit that stops it",
+        )
     _json(parser)
     _quiet(parser)
+
+
+def _bitmap(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--bitmap",
+        type=Path,
+        metavar="FILE",
+        help="voxel bitmap laid over what the scene marks, in place of its own placement.bitmap; after --set",
+    )
 
 
 def _settings(parser: argparse.ArgumentParser) -> None:
@@ -122,6 +141,7 @@ def _quiet(parser: argparse.ArgumentParser) -> None:
 def _bake(verbs: Any) -> None:
     parser = _verb(verbs, "bake", "all that does not depend on the lighting, into one checksummed file")
     parser.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
+    _bitmap(parser)
     _settings(parser)
     parser.add_argument("--out", type=Path, metavar="FILE", help="the bake (default SCENE.bake in this folder)")
     _json(parser)
@@ -166,7 +186,7 @@ def _formfactor(verbs: Any) -> None:
 
 def _bench(verbs: Any) -> None:
     parser = _verb(verbs, "bench", "speed and memory as ratios to peers and to the machine's limits")
-    parser.add_argument("name", nargs="*", metavar="NAME", help="bench: transport (default all)")
+    parser.add_argument("name", nargs="*", metavar="NAME", help="bench: transport, placement (default all)")
     parser.add_argument(
         "--row", action="append", default=[], metavar="NAME", help="measure only this row; repeatable (default all)"
     )

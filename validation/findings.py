@@ -23,8 +23,8 @@ from ..reference.volume.sampler import sample
 from ..reference.volume.tiles import stored
 from .bake import STORAGE, Baked, lifted
 from .ground_truth import GroundTruth
+from .leaks.measured import leak_metrics
 from .metrics.error import Measured, measure_error, worst_points
-from .metrics.leaks import in_boxes, measure_leak
 from .metrics.seams import measure_seams, seam_points
 from .record import metric
 
@@ -197,13 +197,8 @@ def _expectations(
         error = float((np.abs(radiosity.radiosity - exact) / exact).max())
         _add(metrics, {"radiosity_error": Measured(error, 0.0, patches.count)})
     if expect.dark:
-        boxes = [(np.asarray(b.min), np.asarray(b.max)) for b in expect.dark.values()]
-        names = [n for n in ("surface", "volume", "camera") if n in truth.points]
-        where = np.concatenate([truth.points[n].positions for n in names])
-        ours = np.concatenate([sampled[n].irradiance.astype(np.float64) for n in names])
-        reference = np.concatenate([truth.estimates[n].mean for n in names])
         try:
-            _add(metrics, measure_leak(ours, reference, in_boxes(where, boxes)))
+            _add(metrics, leak_metrics(baked, truth, sampled))
         except ValueError as error:
             notes.append(f"no leak metric: {error}")
 

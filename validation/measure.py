@@ -13,9 +13,12 @@ from ..reference.datatypes import Scene
 from ..reference.progress import Progress
 from . import findings
 from .bake import REPEATS, Baked, bake, lifted, sample_points
+from .efficiency.of_run import efficiency
 from .ground_truth import GroundTruth, ground_truth
 from .pictures import scene_views
+from .placement_findings import placement_findings
 from .report.pictures import SceneView
+from .report.voxel_maps import voxel_maps
 
 
 def measure_scene(
@@ -29,21 +32,28 @@ def measure_scene(
     light = pipeline.light_patches(scene, surfaces, seed, progress)
     octree = pipeline.place(scene, surfaces, seed)
     clock.lap("surfaces and octree")
+    bitmap = pipeline.bitmap(scene, octree.grid)
+    clock.lap("bitmap, for its picture")
     baked = bake(scene, device, (surfaces, light), octree, seed, progress)
     clock.lap("probes")
     progress("metrics", 0, 1)
     sampled = {name: sample_points(baked, p) for name, p in truth.points.items()}
     found = findings.find(baked, device, truth, sampled, seed)
-    record = {
+    placement = placement_findings(baked, truth, sampled, seed)
+    grids = efficiency(baked, truth, sampled, seed, progress)
+    record: dict[str, Any] = {
         "name": scene.name,
         "status": "ok",
-        "metrics": found.metrics,
-        "cost": _costs(baked, truth, clock.seconds),
+        "metrics": found.metrics | placement.metrics | grids.metrics,
+        "cost": {**_costs(baked, truth, clock.seconds), **grids.cost},
         "counts_by_level": _levels(baked),
+        "maps": voxel_maps(scene, octree, bitmap),
+        **placement.tables,
+        "grids": grids.grids,
         "worst": findings.worst(truth, sampled),
         "verdicts": [],
         "files": {},
-        "notes": [*scene.notes, *found.notes],
+        "notes": [*scene.notes, *bitmap.notes, *found.notes, *placement.notes, *grids.notes],
     }
     views = scene_views(baked.scene, baked.probes, truth, lambda p: sample_points(baked, p).irradiance)
     progress("metrics", 1, 1)

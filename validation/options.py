@@ -11,11 +11,13 @@ from typing import Any
 from ..reference.errors import InputError
 
 
-def read_overrides(config: Path | None, assignments: Sequence[str]) -> dict[str, Any]:
-    """The table of `config` (if any) with every `--set` laid over it, in order. Raises InputError."""
+def read_overrides(config: Path | None, assignments: Sequence[str], bitmap: Path | None = None) -> dict[str, Any]:
+    """The table of `config` (if any) with every `--set` laid over it, in order, and `--bitmap` last. Raises InputError."""
     merged = {} if config is None else read_toml(config)
     for assignment in assignments:
         merged = merge(merged, parse_assignment(assignment), f"--set {assignment}")
+    if bitmap is not None:
+        merged = merge(merged, {"placement": {"bitmap": str(bitmap)}}, f"--bitmap {bitmap}")
     return merged
 
 

@@ -68,8 +68,72 @@ class WorstPlace(Open):
     relative: float
 
 
+class VoxelMap(Open):
+    """The finest voxel in each column of a placement, from above (x to the right, z down) or the side (x, y up), or in the
+    section at z = at_m (x, y up). voxel_m, cells_by_level: a voxel's edge by level, m and cells. bitmap, octree: base64 of
+    zlib of height × width bytes, 1 + level or 0. outline: the same of bits, eight a byte, scale × scale of them a cell:
+    where the scene has edges."""
+
+    view: Literal["above", "side", "section"]
+    at_m: float | None = None
+    voxel_m: list[NonNegative]
+    cells_by_level: list[Count]
+    width: Count
+    height: Count
+    scale: Count
+    bitmap: str
+    octree: str
+    outline: str
+
+
+class SweepRow(Open):
+    """One value of one knob, all else as the scene has it; current: the scene's own value. set: points, or `camera NAME`. missed,
+    false_alarms: shares of places in the solid that this tolerance calls valid, and of free ones that it calls invalid."""
+
+    knob: Literal["normal_offset", "backface_tolerance", "copies"]
+    value: float
+    set: str
+    current: bool
+    relrmse: Metric
+    unlit_share: NonNegative = 0.0
+    invalid_share: NonNegative | None = None
+    fallback_share: NonNegative | None = None
+    missed: NonNegative | None = None
+    false_alarms: NonNegative | None = None
+
+
+class OffsetGain(Open):
+    """The best of the offsets swept, finest voxels, and how much lower its relRMSE is than that of no offset."""
+
+    set: str
+    best: NonNegative
+    gain: Metric | None = None
+
+
+class LodRow(Open):
+    """A level's complete set of probes, and the error where everything is sampled at that level."""
+
+    level: Count
+    voxel_m: NonNegative
+    probes: Count
+    set: str
+    relrmse: Metric | None = None
+    unlit_share: NonNegative = 0.0
+
+
+class GridError(Open):
+    """A uniform grid measured beside the placement: means over random shifts of its lattice at the best sample offset."""
+
+    voxel_m: NonNegative
+    probes: Count
+    valid_probes: Count
+    relrmse: NonNegative
+    placement_error: NonNegative
+
+
 class SceneResult(Open):
-    """What was found out about one scene; `error` says why where `status` is failed."""
+    """What was found out about one scene; `error` says why where `status` is failed. leaks: walls, leaking places and the edit
+    that stops them (validation/leaks/explain.py)."""
 
     name: str
     status: Literal["ok", "failed"]
@@ -77,7 +141,13 @@ class SceneResult(Open):
     metrics: dict[str, Metric] = {}
     cost: dict[str, float | str | bool | None] = {}
     counts_by_level: list[LevelCount] = []
+    maps: list[VoxelMap] = []
+    lods: list[LodRow] = []
+    sweeps: list[SweepRow] = []
+    offset_gains: list[OffsetGain] = []
+    grids: list[GridError] = []
     worst: list[WorstPlace] = []
+    leaks: JsonObject = {}
     verdicts: list[Any] = []
     files: JsonObject = {}
     notes: list[str] = []

@@ -128,7 +128,8 @@ def relight_file(path: Path, lights: Path | None, out: Path) -> dict[str, Any]:
     if lights is not None:
         base = bake.scene
         names = [m.name for m in base.meshes]
-        lighting = load_lights(lights, base.name, base.settings.lights, names, base.sky)
+        rotation = base.settings.scene.rotation
+        lighting = load_lights(lights, base.name, base.settings.lights, names, base.sky, rotation)
         scene, notes = relit_scene(bake, lighting, str(lights)), list(lighting.notes)
     relighter = Relighter(bake, open_device())
     values = {name: a.copy() for name, a in relighter(scene).items()}
@@ -187,6 +188,7 @@ def _archive(bake: Bake, values: Mapping[str, F32]) -> bytes:
         "probe_radiance_sh": values[PROBES],
         "probe_position": bake.probe_positions,
         "probe_valid": bake.probe_valid,
+        "probe_light_from": bake.light_from,
         "lumel_irradiance": values[LUMELS][:, 0],
         "lumel_corners": bake.lumels.corners,
         "lumel_normal": bake.lumels.normals,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +15,23 @@ from ..reference.errors import InputError
 from ..reference.scene import load_scene
 from ..reference.variant import ensure_variant
 from . import cache
+from .leaks.story import recalled_story, write_story
 from .measure import measure_scene
 from .progress_bar import ProgressBar
 from .provenance import provenance
 from .report.page import write_report
 from .report.pictures import CameraPictures, CameraPose, ProbeDots, SceneView
 
+Explain = Callable[[int, str], str]
 MEASURED_BY = ("reference", "fastpath", "validation/metrics")
 
 
 def run_scenes(
-    sources: Sequence[Path], overrides: Mapping[str, Any], seed: int, out: Path, quiet: bool, command: str
-) -> dict[str, Any]:
-    """Measure every scene and write the report into `out`; returns the results object.
+    sources: Sequence[Path], overrides: Mapping[str, Any], seed: int, out: Path, quiet: bool, command: str,
+    explain: Explain | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Measure every scene and write the report into `out`; returns the results object. explain: the command line that applies the
+    edit of a scene, by the number of its source and its name; with it leaks are explained and the files of `leaks.story` written.
 
     All scenes are read before the first is measured. Raises InputError for bad input, EnvironmentLacks for a machine
     that cannot run; on Ctrl-C what is finished stays in the cache, and the same command goes on from there.
@@ -36,9 +40,13 @@ def run_scenes(
     device = open_device()
     scenes = load_all(sources, overrides)
     records, views = [], []
-    for scene in scenes:
+    for number, scene in enumerate(scenes):
         with ProgressBar(scene.name, quiet) as progress:
             record, pictures = recalled(scene, device, seed, progress, alone=len(scenes) == 1)
+            if explain is not None and record["status"] == "ok":
+                story = recalled_story(result_key(scene, seed), scene, device, seed, progress)
+                written = write_story(out, scene.name, story, explain(number, scene.name))
+                record = {**record, "leaks": written["leaks"], "files": {**record["files"], **written["files"]}}
         records.append(record)
         views += pictures
     results = {

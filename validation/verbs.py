@@ -39,7 +39,8 @@ def run(arguments: Namespace) -> int:
     """The main job on the named scenes."""
     from .sources import resolve_scene
 
-    return _measure(arguments, [resolve_scene(name) for name in arguments.scene], _run_scenes)
+    sources = [resolve_scene(name) for name in arguments.scene]
+    return _measure(arguments, sources, _explaining(arguments) if arguments.explain_leaks else _run_scenes)
 
 
 def report(arguments: Namespace) -> int:
@@ -62,6 +63,25 @@ def _run_scenes(*values: Any) -> dict[str, Any]:
     return run_scenes(*values)
 
 
+def _explaining(arguments: Namespace) -> Callable[..., dict[str, Any]]:
+    """The run that also explains leaks."""
+
+    def work(
+        paths: list[Path], overrides: dict[str, Any], seed: int, out: Path, quiet: bool, line: str
+    ) -> dict[str, Any]:
+        from .leaks.story import edited_command, typed_scenes
+        from .run import run_scenes
+
+        typed = typed_scenes(arguments, paths)
+
+        def command(number: int, name: str) -> str:
+            return edited_command(arguments, typed[number], out, name)
+
+        return run_scenes(paths, overrides, seed, out, quiet, line, command)
+
+    return work
+
+
 def _report_scenes(*values: Any) -> dict[str, Any]:
     from .report_all import report_scenes
 
@@ -79,7 +99,8 @@ def _measure(arguments: Namespace, sources: list[Path], work: Callable[..., dict
     from . import summary
     from .options import read_overrides
 
-    overrides = read_overrides(arguments.config, arguments.assignments)
+    bitmap = getattr(arguments, "bitmap", None)  # `report` has none: a file suits one scene
+    overrides = read_overrides(arguments.config, arguments.assignments, bitmap)
     check_out(arguments.out)
     with contextlib.redirect_stdout(sys.stderr):  # whatever a library prints, standard output is ours
         results = work(
@@ -90,6 +111,10 @@ def _measure(arguments: Namespace, sources: list[Path], work: Callable[..., dict
     else:
         print(summary.results_table(results))
         print(summary.where(arguments.out))
+        if any(scene.get("leaks") for scene in results["scenes"]):
+            from .leaks.text import leaks_text
+
+            print(leaks_text(results))
     return GOOD if all(scene["status"] == "ok" for scene in results["scenes"]) else FAILED
 
 
@@ -111,7 +136,7 @@ def bake(arguments: Namespace) -> int:
     from .options import read_overrides
     from .sources import resolve_scene
 
-    overrides = read_overrides(arguments.config, arguments.assignments)
+    overrides = read_overrides(arguments.config, arguments.assignments, arguments.bitmap)
     source = resolve_scene(arguments.scene)
     with contextlib.redirect_stdout(sys.stderr):
         from ..reference.scene import load_scene

@@ -2,13 +2,17 @@
 lights → radiosity → probe lighting → tiles. `bake` is independent of lighting, `update` is new lighting through it."""
 
 from .probes import (
+    LEAST_PROBE_RAYS,
+    Culled,
     Probes,
     Update,
-    bake_probes,
+    bitmap,
     place,
     place_uniform,
     probe_bounds,
     punctual_input,
+    tile_texels,
+    bake_probes,
     update,
     virtual_texture,
 )
@@ -24,6 +28,8 @@ from .surfaces import (
 )
 
 __all__ = [
+    "LEAST_PROBE_RAYS",
+    "Culled",
     "PatchLight",
     "Probes",
     "SurfaceReceivers",
@@ -33,12 +39,16 @@ __all__ = [
     "bake_probes",
     "bake_receivers",
     "bake_surfaces",
+    "bitmap",
+
     "gather_at_points",
     "light_patches",
     "place",
     "place_uniform",
     "probe_bounds",
     "punctual_input",
+    "tile_texels",
+
     "update",
     "virtual_texture",
 ]

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..clock import Clock
-from ..datatypes import F32, F64, Bool, Indirection, Scene, VirtualTexture
+from ..datatypes import F32, F64, I32, I64, Bool, Indirection, Scene, VirtualTexture
 from ..errors import InputError
-from ..lattice import SHIFT, Octree, make_grid
+from ..lattice import SHIFT, Grid, Octree, deepened, distinct, make_grid
+from ..placement.dead_edges import light_from
 from ..placement.octree import build_octree, uniform_octree
-from ..placement.voxel_bitmap import build_bitmap
+from ..placement.touching import leading_level, touched_voxels
+from ..placement.voxel_bitmap import VoxelBitmap, build_bitmap
 from ..progress import Progress, silent
 from ..sh import basis
 from ..transport.adaptive import Allocation
@@ -21,27 +23,49 @@ from ..transport.form_factors import FormFactors, form_factors
 from ..transport.gather import DeviceRows, gather, upload
 from ..transport.radiosity import Radiosity
 from ..transport.receivers import probe_receivers
+from ..turned import turned_boxes
 from ..visibility import Geometry
 from ..volume.indirection import build_indirection
 from ..volume.layout import TileLayout, build_layout
-from ..volume.tiles import fill_tiles, probe_texels
+from ..volume.tiles import fill_tiles, probe_texels, with_copies
 from .surfaces import PatchLight, Surfaces, allocated
 
 LEAST_PROBE_RAYS = 128  # for their validity and direction, which the mean light does not show
 
 
 @dataclass(frozen=True, eq=False)
+class Culled:
+    """What culling took away. probes: how many; able: that had eight valid parents; by_level (L + 1,) i64. norm: its name; threshold: most
+    damage that one probe was predicted to do. odds_over, raise_lightings, raise_expected: see `placement.judge.Verdict`, at points of
+    culling's own. bytes: of rows that were freed."""
+
+    probes: int
+    able: int
+    by_level: I64
+    norm: str
+    threshold: float
+    odds_over: float
+    raise_lightings: float
+    raise_expected: float
+    bytes: int
+
+
+@dataclass(frozen=True, eq=False)
 class Probes:
-    """The probe half of a bake. valid (R,) bool; rows: SH form factors in octree corner order."""
+    """The probe half of a bake. valid (R,) bool; rows: SH form factors in octree corner order. light_from (R,) i32: whose light
+    each probe uses: its own number where it is valid, a valid neighbour's where that is copied, else -1. culled: what culling took
+    away, None where it was not asked for."""
 
     octree: Octree
     rows: FormFactors
     device_rows: DeviceRows
     allocation: Allocation
     valid: Bool
+    light_from: I32
     layout: TileLayout
     indirection: Indirection
     seconds: Mapping[str, float]
+    culled: Culled | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,15 +79,32 @@ class Update:
 
 
 def place(scene: Scene, surfaces: Surfaces, seed: int, shift: F64 | float = SHIFT) -> Octree:
-    """The adaptive octree under the scene's controls. shift: of the lattice, in finest voxels (see `make_grid`)."""
+    """The adaptive octree under the scene's controls. shift: of the lattice, in finest voxels (see `make_grid`).
+
+    The lattice is that of placement.min_voxel. A layer of the bitmap file with smaller cells makes it deeper, for that layer
+    alone: what asks for no size of its own, and the sample offset, still go by placement.min_voxel.
+    """
     s = scene.settings.placement
-    if not scene.settings.volumes and not any(m.lit_by_probes for m in scene.meshes):
+    marking = scene.settings.volumes or scene.marks or scene.bitmap
+    if not marking and not any(m.lit_by_probes for m in scene.meshes):
         raise InputError(
-            f"scene '{scene.name}': no probe placed: no mesh has lit_by = \"probes\" and there is no volume; add one of them"
+            f"scene '{scene.name}': no probe placed: no mesh has lit_by = \"probes\" and there is no volume, mark or bitmap file; "
+            "add one of them"
         )
     grid = make_grid(*probe_bounds(scene, surfaces.geometry), s.min_voxel, shift)
-    margin = scene.settings.sampling.normal_offset * grid.finest
-    return build_octree(surfaces.geometry, grid, build_bitmap(scene, grid, margin), s, seed)
+    sizes = [layer.size for layer in scene.bitmap if layer.mode != "remove"]
+    grid = deepened(grid, min(sizes, default=grid.finest))
+    marks = bitmap(scene, grid)
+    margin = scene.settings.sampling.normal_offset * grid.wanted
+    finest = grid.level if s.touching else leading_level(scene, grid)
+    touched = touched_voxels(scene, grid, marks.occupied, margin, finest)
+    given = [distinct(np.concatenate(keys)) for keys in zip(*filter(None, (touched, marks.placed)), strict=True)]
+    return build_octree(surfaces.geometry, grid, marks, s, seed, given)
+
+
+def bitmap(scene: Scene, grid: Grid) -> VoxelBitmap:
+    """Where the scene wants probes, and how finely, on the lattice of `grid`; surfaces are widened by the sample offset."""
+    return build_bitmap(scene, grid, scene.settings.sampling.normal_offset * grid.wanted)
 
 
 def place_uniform(scene: Scene, surfaces: Surfaces, voxel: float) -> Octree:
@@ -73,14 +114,14 @@ def place_uniform(scene: Scene, surfaces: Surfaces, voxel: float) -> Octree:
 
 def probe_bounds(scene: Scene, g: Geometry) -> tuple[F64, F64]:
     """Bounds (3,), (3,) m of static geometry, moving meshes and volumes."""
-    volumes = scene.settings.volumes.values()
-    lower = [g.lower, *(m.vertices.min(axis=0) for m in scene.meshes), *(np.asarray(v.min) for v in volumes)]
-    upper = [g.upper, *(m.vertices.max(axis=0) for m in scene.meshes), *(np.asarray(v.max) for v in volumes)]
+    volumes = [v.bounds for v in turned_boxes(scene.settings.volumes.values(), scene.settings.scene.rotation)]
+    lower = [g.lower, *(m.vertices.min(axis=0) for m in scene.meshes), *(low for low, _ in volumes)]
+    upper = [g.upper, *(m.vertices.max(axis=0) for m in scene.meshes), *(high for _, high in volumes)]
     return np.min(lower, axis=0), np.max(upper, axis=0)
 
 
 def bake_probes(scene: Scene, surfaces: Surfaces, octree: Octree, seed: int, progress: Progress = silent) -> Probes:
-    """Form factors and validity of the real probes, and the virtual texture's layout.
+    """Form factors and validity of all real probes, and the virtual texture's layout.
 
     Raises InputError if every probe is invalid: the volume would be black.
     """
@@ -98,10 +139,12 @@ def bake_probes(scene: Scene, surfaces: Surfaces, octree: Octree, seed: int, pro
             f"scene '{scene.name}': no probe placed: all {len(valid)} see back faces (placement.backface_tolerance "
             f"{s.backface_tolerance}); are the meshes inside out, or two_sided meant?"
         )
+    source = light_from(surfaces.geometry, octree, valid, s.backface_tolerance, seed + 7)
+    clock.lap("dead_edges")
     layout = build_layout(octree)
     indirection = build_indirection(layout)
     clock.lap("virtual_texture")
-    return Probes(octree, rows, upload(rows), allocation, valid, layout, indirection, clock.seconds)
+    return Probes(octree, rows, upload(rows), allocation, valid, source, layout, indirection, clock.seconds)
 
 
 def update(scene: Scene, surfaces: Surfaces, probes: Probes, light: PatchLight) -> Update:
@@ -110,9 +153,15 @@ def update(scene: Scene, surfaces: Surfaces, probes: Probes, light: PatchLight) 
     coefficients = gather(probes.device_rows, light.radiosity.light)
     coefficients = coefficients + punctual_input(scene, surfaces.geometry, probes.octree.positions)
     clock.lap("probes")
-    texels = fill_tiles(probes.layout, probe_texels(coefficients, probes.valid))
+    texels = tile_texels(probes, coefficients, probes.light_from)
     clock.lap("tiles")
     return Update(light.radiosity, coefficients, texels, clock.seconds)
+
+
+def tile_texels(probes: Probes, coefficients: F32, source: I32) -> F32:
+    """Texels (tiles, 27, 13) f32 of the tile cache from probes' radiance SH (R, 4, 3); source (R,) i32: whose light each uses, -1 for
+    none, as `Probes.light_from`."""
+    return fill_tiles(probes.layout, probe_texels(*with_copies(coefficients, source)))
 
 
 def punctual_input(scene: Scene, g: Geometry, positions: F64) -> F32:
@@ -128,4 +177,12 @@ def punctual_input(scene: Scene, g: Geometry, positions: F64) -> F32:
 def virtual_texture(probes: Probes, texels: F32) -> VirtualTexture:
     """What a sampler reads."""
     grid = probes.octree.grid
-    return VirtualTexture(grid.origin, grid.finest, grid.level, grid.extent, probes.indirection, texels)
+    return VirtualTexture(
+        grid.origin,
+        grid.finest,
+        grid.level,
+        grid.extent,
+        probes.indirection,
+        texels,
+        grid.wanted if grid.extra else None,
+    )

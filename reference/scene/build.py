@@ -12,10 +12,12 @@ import numpy as np
 from ..config import AreaLight, MeshSettings, SceneSettings
 from ..datatypes import F64, Material, Mesh, Scene
 from ..errors import InputError
+from ..turned import rotation_matrix, turned
 from .buried_lights import refuse_buried
 from .digest import digest
 from .document import Document, MeshArrays
 from .doors import check_area_lights, check_light, check_lit_twice, check_meshes, check_surfaces, check_values
+from .marks import load_layers, make_marks
 from .mesh_repair import repair
 from .names import clean
 from .obj import obj_arrays
@@ -24,6 +26,7 @@ from .ply import read_ply
 from .settings import settle
 from .skies import make_sky
 from .surfaces import make_material, plain_twin
+from .turn import turned_settings
 
 MAX_FACES = 64_000_000
 
@@ -113,7 +116,7 @@ def _add_mesh(parts: _Parts, name: str, mesh: MeshSettings, light: AreaLight | N
     parts.meshes.append(
         Mesh(
             name=name,
-            vertices=repaired.mesh.vertices,
+            vertices=turned(repaired.mesh.vertices, rotation_matrix(parts.settings.scene.rotation)),
             faces=repaired.mesh.faces,
             uvs=repaired.mesh.uvs,
             material=index,
@@ -145,8 +148,8 @@ def scene_name(path: Path) -> str:
 
 def build_scene(document: Document, overrides: Mapping[str, Any]) -> Scene:
     """The scene of a document. Raises InputError naming file and element for anything that cannot be right."""
-    settings = settle(document, overrides)
     source = str(document.source)
+    settings = turned_settings(settle(document, overrides), source)
     check_meshes(settings, source)
     check_area_lights(settings.lights, settings.meshes, source)
     check_lit_twice(settings, source)
@@ -163,13 +166,16 @@ def build_scene(document: Document, overrides: Mapping[str, Any]) -> Scene:
     check_surfaces(parts.meshes, parts.materials, source)
     check_light(settings.lights, parts.meshes, parts.materials, sky, source)
     refuse_buried(settings.lights, parts.meshes, parts.materials, source)
+    marks, mark_notes = make_marks(document, settings)
     scene = Scene(
         name=scene_name(document.source),
         settings=settings,
         meshes=tuple(parts.meshes),
         materials=tuple(parts.materials),
         sky=sky,
-        notes=tuple(dict.fromkeys([*parts.notes, *_loose_note(parts), *notes])),
+        notes=tuple(dict.fromkeys([*parts.notes, *_loose_note(parts), *notes, *mark_notes])),
         content_hash="",
+        marks=marks,
+        bitmap=load_layers(document, settings, overrides),
     )
     return replace(scene, content_hash=digest(scene))

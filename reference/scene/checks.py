@@ -15,16 +15,7 @@ def refuse_broken(mesh: MeshArrays, where: str) -> None:
     """Raises InputError for empty meshes, vertices that are not finite or too far away, and faces out of range."""
     if len(mesh.vertices) == 0 or len(mesh.faces) == 0:
         raise InputError(f"{where}: the mesh is empty; give it triangles or remove it")
-    bad = ~np.isfinite(mesh.vertices).all(axis=1)
-    if np.any(bad):
-        k = int(np.argmax(bad))
-        raise InputError(f"{where}: vertex {k} is not finite: {mesh.vertices[k].tolist()}; repair the mesh")
-    far = np.abs(mesh.vertices).max(axis=1)
-    if far.max() > MAX_COORDINATE_M:
-        k = int(np.argmax(far))
-        raise InputError(
-            f"{where}: vertex {k} is {far[k]:.3g} m away, the limit is {MAX_COORDINATE_M:.0e}; check unit_m"
-        )
+    refuse_vertices(mesh.vertices, where)
     wrong = (mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))
     if np.any(wrong):
         k = int(np.argmax(wrong.any(axis=1)))
@@ -35,6 +26,20 @@ def refuse_broken(mesh: MeshArrays, where: str) -> None:
     if mesh.uvs is not None and not np.isfinite(mesh.uvs).all():
         k = int(np.argmax(~np.isfinite(mesh.uvs).all(axis=1)))
         raise InputError(f"{where}: texture coordinate {k} is not finite; repair the mesh")
+
+
+def refuse_vertices(vertices: F64, where: str) -> None:
+    """Raises InputError for vertices (V, 3) m that are not finite or too far away."""
+    bad = ~np.isfinite(vertices).all(axis=1)
+    if np.any(bad):
+        k = int(np.argmax(bad))
+        raise InputError(f"{where}: vertex {k} is not finite: {vertices[k].tolist()}; repair the mesh")
+    far = np.abs(vertices).max(axis=1)
+    if far.max() > MAX_COORDINATE_M:
+        k = int(np.argmax(far))
+        raise InputError(
+            f"{where}: vertex {k} is {far[k]:.3g} m away, the limit is {MAX_COORDINATE_M:.0e}; check unit_m"
+        )
 
 
 def weld(vertices: F64) -> I64:

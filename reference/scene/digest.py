@@ -35,4 +35,10 @@ def digest(scene: Scene) -> str:
             put("emission texture", m.emission_texture)
     if scene.sky:
         put(f"sky {scene.sky.rotation_deg} {scene.sky.engine_lit}", scene.sky.image)
+    for mark in scene.marks:  # name and probe_size are in the settings
+        put(mark.kind, mark.vertices)
+        put("faces", mark.faces)
+    for layer in scene.bitmap:
+        put(f"layer {layer.mode} {layer.size!r}", layer.origin)
+        put("cells", layer.cells)
     return sha.hexdigest()

@@ -17,14 +17,16 @@ import numpy as np
 from pydantic import Field
 
 from ..config import ImageSky, Light
-from ..config_base import Frozen
+from ..config_base import Frozen, Vec3
 from ..datatypes import F32, Sky
 from ..errors import InputError
+from ..turned import rotation_matrix
 from .doors import check_area_lights, check_values
 from .names import clean
 from .paths import MAX_DOCUMENT_BYTES, read_bytes
 from .settings import merge, validate
 from .skies import make_sky
+from .turn import turned_lights
 
 
 class LightsFile(Frozen):
@@ -50,11 +52,13 @@ def load_lights(
     base_lights: Mapping[str, Light],
     mesh_names: Collection[str],
     base_sky: Sky | None = None,
+    rotation: float | Vec3 = 0.0,
 ) -> Lighting:
     """The lights of a scene with those of a file laid over them.
 
     mesh_names: meshes that an area light may stand on. base_sky: the scene's own, for files that leave its picture as it
-    is. Pictures that the file names lie in its own folder.
+    is. rotation: the scene's `scene.rotation`, which turned base_lights and turns the file's. Pictures that the file names
+    lie in its own folder.
     Raises InputError naming the file and the key: another scene, unknown keys and names, values out of range.
     """
     source = str(path)
@@ -63,10 +67,14 @@ def load_lights(
     given = raw.get("lights")
     tables: Mapping[str, Any] = given if isinstance(given, Mapping) else {}
     if isinstance(given, Mapping):
-        raw = raw | {"lights": {name: _over(base_lights.get(name), table) for name, table in tables.items()}}
+        as_written = turned_lights(
+            {n: v for n, v in base_lights.items() if n in tables}, rotation_matrix(rotation).T, source
+        )
+        raw = raw | {"lights": {name: _over(as_written.get(name), table) for name, table in tables.items()}}
     read = validate(raw, source, LightsFile)
     _check_off(read, base_lights, source)
-    lights = {name: light for name, light in {**base_lights, **read.lights}.items() if name not in read.off}
+    given_lights = turned_lights(read.lights, rotation_matrix(rotation), source)
+    lights = {name: light for name, light in {**base_lights, **given_lights}.items() if name not in read.off}
     check_area_lights(lights, mesh_names, source)
     check_values(lights, {}, source)
     with_file = [name for name, table in tables.items() if "file" in table]

@@ -163,6 +163,15 @@ def _merge_corners(vertices: F64, texture: F64, v: I64, t: I64, corners: I64) ->
     return vertices[unique // len(texture)], uvs, inverse.reshape(-1)[corners].astype(np.int32)
 
 
+def read_obj_points(path: Path, where: str) -> F64:
+    """Vertices (V, 3) of an OBJ file, whatever else it holds. Raises InputError naming `where`."""
+    where = f"{where}: {path.name}"
+    lines = _sort(read_bytes(path, where, MAX_TEXT_BYTES))
+    if not lines.v:
+        raise InputError(f"{where}: there are no points (no vertices); export it again")
+    return _numbers(lines.v, 3, 3, "vertex", where)
+
+
 def obj_arrays(path: Path, where: str) -> MeshArrays:
     """The whole file as one mesh, whatever materials it names."""
     read = read_obj(path, where)

@@ -164,6 +164,16 @@ def _single(table: Columns, name: str, where: str) -> npt.NDArray[np.float64]:
     return column
 
 
+def read_ply_points(path: Path, where: str) -> npt.NDArray[np.float64]:
+    """Vertices (V, 3) of a PLY file, whatever else it holds. Raises InputError naming `where`."""
+    where = f"{where}: {path.name}"
+    vertex = _tables(read_bytes(path, where), where).get("vertex", {})
+    points = np.stack([_single(vertex, axis, where) for axis in "xyz"], axis=1) if vertex else np.zeros((0, 3))
+    if len(points) == 0:
+        raise InputError(f"{where}: there are no points (no vertices); export it again")
+    return points
+
+
 def read_ply(path: Path, where: str) -> MeshArrays:
     """Vertices, texture coordinates and polygons (as fans) of a PLY file. Raises InputError naming `where`."""
     where = f"{where}: {path.name}"

@@ -15,6 +15,7 @@ from ..config import CameraSettings
 from ..datatypes import F64, I32, Bool, Scene
 from ..directions import fibonacci_sphere, sobol, sphere
 from ..errors import InputError
+from ..turned import turned, turned_boxes
 from ..visibility import Geometry, cast, points_on_triangles, to_box, vectors
 
 PointSet = Literal["camera", "surface", "volume"]
@@ -142,15 +143,16 @@ def _surface_points(scene: Scene, g: Geometry, count: int, seed: int) -> Points 
 
 
 def _volume_points(scene: Scene, g: Geometry, count: int, seed: int) -> Points | None:
-    volumes = list(scene.settings.volumes.values())
+    volumes = turned_boxes(scene.settings.volumes.values(), scene.settings.scene.rotation)
     if not volumes:
         return None
-    lower, upper = np.array([v.min for v in volumes]), np.array([v.max for v in volumes])
+    lower, upper = np.array([v.lower for v in volumes]), np.array([v.upper for v in volumes])
     share = np.cumsum(np.prod(upper - lower, axis=1))
     xi = sobol(8 * count, 6, seed + 300).astype(np.float64)
     pick = np.searchsorted(share[:-1], xi[:, 0] * share[-1], side="right")
-    positions = lower[pick] + (upper - lower)[pick] * xi[:, 1:4]
-    points = Points(positions, sphere(xi[:, 4:]), np.full(len(xi), -1, dtype=np.int32))
+    positions = turned(lower[pick] + (upper - lower)[pick] * xi[:, 1:4], volumes[0].matrix)
+    normals = turned(sphere(xi[:, 4:]), volumes[0].matrix)
+    points = Points(positions, normals, np.full(len(xi), -1, dtype=np.int32))
     return _outside(g, points, None, count)
 
 

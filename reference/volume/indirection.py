@@ -10,10 +10,8 @@ import numpy as np
 
 from ..datatypes import I64, U32, Indirection
 from ..errors import InputError
+from ..tiling import MAX_OFFSET, MAX_TILES, indirection_dims
 from .layout import TileLayout
-
-OFFSET_BITS = 8
-MAX_OFFSET = 1 << OFFSET_BITS
 
 
 def cache_shape(tiles: int) -> I64:
@@ -21,9 +19,9 @@ def cache_shape(tiles: int) -> I64:
 
     Raises InputError above 256³ tiles.
     """
-    if tiles > MAX_OFFSET**3:
+    if tiles > MAX_TILES:
         raise InputError(
-            f"the tile cache needs {tiles} tiles, the 32-bit indirection texel addresses {MAX_OFFSET**3}; raise "
+            f"the tile cache needs {tiles} tiles, the 32-bit indirection texel addresses {MAX_TILES}; raise "
             "placement.min_voxel or the meshes' probe_size"
         )
     edge = min(MAX_OFFSET, max(1, int(np.ceil(tiles ** (1.0 / 3.0) - 1e-9))))
@@ -52,21 +50,14 @@ def pack(offset: I64, level: int) -> U32:
 
 def build_indirection(layout: TileLayout) -> Indirection:
     """Flatten the tiles, coarse to fine."""
-    cache = cache_shape(layout.tiles)
-    grid = layout.grid
+    cache, dims = cache_shape(layout.tiles), indirection_dims(layout.grid)
     lods: list[U32] = []
-    dims = []
     below = np.zeros((1, 1, 1), dtype=np.uint32)
-    for i, parents in enumerate(layout.parents):
-        level = i + 1
-        size = ((grid.extent - 1) >> (grid.level - level + 1)) + 1
+    for i, (parents, size) in enumerate(zip(layout.parents, dims, strict=True)):
         if i:
-            below = below.repeat(2, 0).repeat(2, 1).repeat(2, 2)[: size[0], : size[1], : size[2]]
-        inside = (parents < size).all(axis=1)
-        slots = layout.first_slot[i] + np.flatnonzero(inside)
-        below = below.copy()
-        below[tuple(parents[inside].T)] = pack(slot_offset(slots, cache), level)
+            below = below.repeat(2, 0).repeat(2, 1).repeat(2, 2)[: size[0], : size[1], : size[2]].copy()
+        slots = np.arange(layout.first_slot[i], layout.first_slot[i + 1])
+        below[tuple(parents.T)] = pack(slot_offset(slots, cache), i + 1)
         lods.append(below.ravel())
-        dims.append(size)
     first = np.concatenate([[0], np.cumsum([len(t) for t in lods])]).astype(np.int64)
-    return Indirection(np.concatenate(lods), first, np.stack(dims), cache)
+    return Indirection(np.concatenate(lods), first, dims, cache)

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..datatypes import I32, I64
-from ..lattice import NEIGHBOURS, Grid, Octree, cells, index_of, keys
+from ..lattice import Grid, Octree, cells, finer_keys, index_of, keys, parent_keys, steps, union
+from ..tiling import tile_parents
 
 TEXELS = 27
 # Position of texel t within its tile, (27, 3), x slowest; octants in the same order.
@@ -52,25 +53,23 @@ class TileLayout:
 
 def build_layout(tree: Octree) -> TileLayout:
     """Tiles, virtual voxels and texel sources for an octree."""
-    parents = [_tile_parents(tree, level) for level in range(1, tree.grid.level + 1)]
+    grid = tree.grid
+    parents = [tile_parents(grid, level, keys(tree.voxels[level])) for level in range(1, grid.level + 1)]
     probe_keys = keys(tree.corners)
     probe, parent_tile, octant, virtual = [], [], [], []
     for i, p in enumerate(parents):
-        level = i + 1
-        corner = (2 * p[:, None, :] + TEXEL_OFFSETS[None]) << (tree.grid.level - level)
-        corner_keys = keys(corner.reshape(-1, 3))
-        at = index_of(probe_keys, corner_keys)
-        probe.append(at.reshape(-1, TEXELS).astype(np.int32))
-        virtual.append(len(np.unique(corner_keys[at < 0])))
-        holder = index_of(keys(parents[i - 1]), keys(p >> 1)) if i else np.full(len(p), -1)
+        sources, count = _texel_sources(grid, i + 1, p, probe_keys)
+        probe.append(sources)
+        virtual.append(count)
+        holder = index_of(parents[i - 1], parent_keys(p)) if i else np.full(len(p), -1)
         if i and (holder < 0).any():
-            raise AssertionError(f"level {level}: a tile has no parent tile one level up (level jump over 1)")
+            raise AssertionError(f"level {i + 1}: a tile has no parent tile one level up (level jump over 1)")
         parent_tile.append(holder.astype(np.int32))
-        octant.append(((p & 1) @ np.array([4, 2, 1])).astype(np.int32))
+        octant.append(((cells(p) & 1) @ np.array([4, 2, 1])).astype(np.int32))
     first = np.concatenate([[0], np.cumsum([len(p) for p in parents])]).astype(np.int64)
     return TileLayout(
-        tree.grid,
-        tuple(parents),
+        grid,
+        tuple(cells(p) for p in parents),
         tuple(probe),
         tuple(parent_tile),
         tuple(octant),
@@ -79,12 +78,16 @@ def build_layout(tree: Octree) -> TileLayout:
     )
 
 
-def _tile_parents(tree: Octree, level: int) -> I64:
-    """Voxels of level - 1 whose children include an existing voxel of `level` or one of its 26 neighbours."""
-    if level == 1:
-        return np.zeros((1, 3), dtype=np.int64)
-    v = tree.voxels[level]
-    around = (v[:, None, :] + NEIGHBOURS[None]).reshape(-1, 3)
-    limit = (1 << level) - 1
-    around = around[((around >= 0) & (around <= limit)).all(axis=1)]
-    return cells(np.unique(keys(around >> 1)))
+def _texel_sources(grid: Grid, level: int, parents: I64, probes: I64) -> tuple[I32, int]:
+    """Real probe (T, 27) of each texel of the tiles over `parents`, keys (T,), or -1; and the number of distinct virtual probes.
+
+    probes: sorted keys of the real ones. Texel by texel: the keys looked up then ascend, which is many times faster.
+    """
+    sources = np.empty((len(parents), TEXELS), dtype=np.int32)
+    virtual = []
+    first = finer_keys(parents, grid.level - level + 1)
+    for texel, step in enumerate(steps(TEXEL_OFFSETS << (grid.level - level))):
+        corner = first + step
+        sources[:, texel] = index_of(probes, corner)
+        virtual.append(corner[sources[:, texel] < 0])
+    return sources, len(union(*virtual))

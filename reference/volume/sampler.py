@@ -12,22 +12,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..datatypes import F32, F64, I32, I64, Samples, VirtualTexture
+from ..datatypes import F32, F64, I32, I64, Samples, VirtualTexture, check_lod
 from ..sh import irradiance_weights
 
 MIN_WEIGHT = np.float32(1.0 / 1024.0)
 
 
-def sample(texture: VirtualTexture, positions: F32 | F64, normals: F32 | F64, lod: int | None = None) -> Samples:
-    """Irradiance at `positions` (N, 3) m for unit `normals` (N, 3). `lod`: finest level to use, all without it.
+def sample(texture: VirtualTexture, positions: F32 | F64, normals: F32 | F64, lod: int | I32 | None = None) -> Samples:
+    """Irradiance at `positions` (N, 3) m for unit `normals` (N, 3). `lod`: finest level to use, one for all or (N,) i32, one for
+    each sample; without it all levels.
 
     A NaN position gives NaN there and nowhere else. Raises ValueError for a `lod` that the texture does not have.
     """
-    if lod is not None and not 1 <= lod <= texture.level:
-        raise ValueError(f"lod must be 1 … {texture.level}, got {lod}")
+    check_lod(lod, texture.level, len(positions))
     q = lattice_position(texture, positions)
     weights = irradiance_weights(np.asarray(normals, dtype=np.float32)).astype(np.float32)
-    light, weight, level = resolve(texture, q, q, lod or texture.level)
+    light, weight, level = resolve(texture, q, q, texture.level if lod is None else lod)
     irradiance = _divide(light, weight, weights)
     irradiance[~np.isfinite(q).all(axis=1)] = np.nan
     return Samples(irradiance, level, weight)
@@ -50,16 +50,16 @@ def lattice_position(texture: VirtualTexture, positions: F32 | F64) -> F32:
     return np.clip(q, np.float32(0.0), texture.extent.astype(np.float32))
 
 
-def resolve(texture: VirtualTexture, q: F32, lookup: F32, lod: int) -> tuple[F32, F32, I32]:
+def resolve(texture: VirtualTexture, q: F32, lookup: F32, lod: int | I32) -> tuple[F32, F32, I32]:
     """Premultiplied light (N, 12), weight (N,) and level (N,) at `q` (N, 3) finest voxels, in the voxel that holds `lookup`.
 
-    `lookup` differs from `q` only to ask for the other side of a border.
+    `lookup` differs from `q` only to ask for the other side of a border. lod: finest level to use, one for all or (N,).
     """
     n = len(q)
     light, weight = np.zeros((n, 12), dtype=np.float32), np.zeros(n, dtype=np.float32)
     level = np.zeros(n, dtype=np.int32)
     active = np.flatnonzero(np.isfinite(q).all(axis=1))
-    ask = np.full(len(active), lod, dtype=np.int64)
+    ask = np.broadcast_to(np.asarray(lod, dtype=np.int64), (n,))[active]
     while len(active):
         slot, found = locate(texture, lookup[active], ask)
         value = interpolate(texture, q[active], lookup[active], slot, found)

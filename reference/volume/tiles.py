@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..datatypes import F32, I64, Bool, pre_exposure, weight_ratio
+from ..datatypes import F32, I32, I64, Bool, pre_exposure, weight_ratio
 from ..lattice import OCTANTS
 from .layout import TEXEL_OFFSETS, TEXELS, TileLayout
 
@@ -36,6 +36,12 @@ def probe_texels(coefficients: F32, valid: Bool) -> F32:
     """Texels (R, 13) of real probes: radiance SH (R, 4, 3) of valid ones colour by colour, and the weight."""
     light = coefficients.transpose(0, 2, 1).reshape(-1, 12)
     return np.concatenate([np.where(valid[:, None], light, 0.0), valid[:, None]], axis=1).astype(np.float32)
+
+
+def with_copies(coefficients: F32, light_from: I32) -> tuple[F32, Bool]:
+    """Radiance SH (R, 4, 3) that each probe uses, and whether it uses any. light_from (R,): number of the probe whose light it
+    is, -1 for none (see placement/dead_edges.py)."""
+    return coefficients[np.maximum(light_from, 0)], light_from >= 0
 
 
 def fill_tiles(layout: TileLayout, probes: F32) -> F32:

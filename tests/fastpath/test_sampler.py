@@ -155,3 +155,37 @@ def test_bytes(device: OpenDevice, texture: VirtualTexture) -> None:
     index = texture.indirection.texels.nbytes
     sizes = [Sampler(device, texture, s).bytes - index for s in STORAGES]
     assert sizes == [slots * 52, slots * 26, slots * 25]
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_each_sample_has_its_own_level_of_detail(device: OpenDevice, texture: VirtualTexture, storage: Storage) -> None:
+    rng = np.random.default_rng(13)
+    p = rng.uniform(texture.origin, texture.origin + 32 * texture.finest, (20_000, 3)).astype(np.float32)
+    n, lod = random_units(len(p), 14).astype(np.float32), rng.integers(1, 6, len(p)).astype(np.int32)
+    plain = sample(dataclasses.replace(texture, texels=stored(texture.texels, storage)), p, n, lod)
+    got = Sampler(device, texture, storage)(p, n, lod)
+    agree(got, plain)
+    assert (got.level <= lod).all() and len(np.unique(got.level)) >= 4
+    for level in (2, 5):
+        mine = lod == level
+        alone = Sampler(device, texture, storage)(p[mine], n[mine], level)
+        np.testing.assert_array_equal(alone.irradiance, got.irradiance[mine])
+
+
+def test_images_take_a_level_of_detail_for_each_sample(device: OpenDevice) -> None:
+    tree = random_tree(5, 0.45, 12)
+    made, _ = texture_of(tree, random_probes(len(tree.corners), 0.0, 12))
+    rng = np.random.default_rng(15)
+    p, n = rng.uniform(0, 32, (20_000, 3)).astype(np.float32), random_units(20_000, 16).astype(np.float32)
+    lod = rng.integers(1, 6, len(p))
+    got, images = (Sampler(device, made, "half16", images=i)(p, n, lod) for i in (False, True))
+    np.testing.assert_array_equal(got.level, images.level)
+    assert np.abs(got.irradiance - images.irradiance).max() / got.irradiance.mean() < 1e-3
+
+
+def test_levels_of_detail_are_checked(device: OpenDevice, texture: VirtualTexture) -> None:
+    p = np.zeros((3, 3), np.float32)
+    for lod in (np.array([1, 2, 6]), np.array([0, 1, 1]), np.array([1, 2]), np.array([1.0, 2.0, 3.0])):
+        for call in (Sampler(device, texture, "float32"), lambda *a: sample(texture, *a)):
+            with pytest.raises(ValueError, match="lod must be"):
+                call(p, p, lod)  # type: ignore[operator]

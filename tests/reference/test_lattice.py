@@ -5,7 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from lightgauge.reference.errors import InputError
-from lightgauge.reference.lattice import Grid, cells, index_of, keys, make_grid, unique_cells
+from lightgauge.reference.lattice import (
+    OCTANTS,
+    Grid,
+    cells,
+    child_keys,
+    distinct,
+    finer_keys,
+    index_of,
+    keys,
+    make_grid,
+    parent_keys,
+    parities,
+    steps,
+    unique_cells,
+)
 
 
 def test_keys_are_ordered_and_invertible() -> None:
@@ -13,6 +27,26 @@ def test_keys_are_ordered_and_invertible() -> None:
     np.testing.assert_array_equal(cells(keys(c)), c)
     order = np.lexsort((c[:, 2], c[:, 1], c[:, 0]))
     assert (np.diff(keys(c)[order]) >= 0).all()
+
+
+def test_arithmetic_on_keys_is_that_of_cells() -> None:
+    """Up to the last cell that has a key, where a carry would spill into the next coordinate."""
+    c = np.random.default_rng(1).integers(0, 1 << 19, (2000, 3))
+    c[:8] = OCTANTS * ((1 << 19) - 1)
+    k = keys(c)
+    np.testing.assert_array_equal(cells(parent_keys(k)), c >> 1)
+    np.testing.assert_array_equal(cells(finer_keys(keys(c >> 5), 5)), c >> 5 << 5)
+    np.testing.assert_array_equal(cells(child_keys(k)), (2 * c[:, None] + OCTANTS).reshape(-1, 3))
+    np.testing.assert_array_equal(parities(k), steps(c & 1))
+    for by in ([-1, 1, -1], [1, -1, 1], [0, 0, -1], [7, 0, -0]):
+        inside = (c + by >= -1).all(axis=1)
+        np.testing.assert_array_equal(cells(k + steps(np.array([by])))[inside], (c + by)[inside])
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 1000])
+def test_distinct(count: int) -> None:
+    k = np.random.default_rng(2).integers(0, 300, count)
+    assert distinct(k).tolist() == sorted(set(k.tolist()))
 
 
 def test_unique_and_index() -> None:

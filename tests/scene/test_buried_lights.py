@@ -110,7 +110,7 @@ def test_large_scenes() -> None:
     ball = sphere()
     balls = [mesh(f"b{k}", ball, 1.0, (3.0 * k, 0, 0)) for k in range(64)]
     lights = {f"l{k}": PointLight(type="point", position=(3.0 * k + 1.5, 0, 0), intensity=(1, 1, 1)) for k in range(20)}
-    start = time.perf_counter()
+    start = time.process_time()
     refuse_buried(lights, balls, MATERIALS, "x")
-    assert time.perf_counter() - start < 6.0
+    assert time.process_time() - start < 6.0
     assert "'b31'" in refused(balls, (93.0, 0.1, 0.0))

@@ -13,9 +13,9 @@ from lightgauge.reference.scene import load_scene
 
 def test_living_room(shared_scenes: Path) -> None:
     """143 k triangles in 65 files, 5 repaired; measured at 4 to 5 s on the two shared cores of the build machine."""
-    start = time.perf_counter()
+    start = time.process_time()
     scene = load_scene(shared_scenes / "bitterli-living-room" / "scene.xml")
-    assert time.perf_counter() - start < 15.0  # a slow and busy machine passes, a quadratic reader does not
+    assert time.process_time() - start < 15.0  # a slow and busy machine passes, a quadratic reader does not
     assert scene.name == "bitterli-living-room" and len(scene.meshes) == 65
     assert sum(len(m.faces) for m in scene.meshes) == 143_163 - 190
     assert any("Mesh049: 40 faces without area removed" in n and "2 flipped faces turned" in n for n in scene.notes)

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lightgauge.reference.bitmap_file import write_bitmap
+from lightgauge.reference.datatypes import BitmapLayer
 from lightgauge.reference.errors import InputError
 from lightgauge.validation import run as run_module
 from lightgauge.validation.run import run_scenes
@@ -179,7 +181,7 @@ def test_camera_in_a_wall_is_named(run: Runner, two_rooms: Path) -> None:
 def test_no_probe_placed_is_an_error(run: Runner, room: Path) -> None:
     """A threshold that nothing meets leaves the root's 8 probes, all outside the room, where they see the walls' backs."""
     with pytest.raises(InputError, match="no probe placed"):
-        run(room, "a", placement={"min_voxel": 0.2, "backface_tolerance": 0.0, "threshold": 1e-3})
+        run(room, "a", placement={"min_voxel": 0.9, "backface_tolerance": 0.0, "threshold": 1e-3})
 
 
 def test_a_scene_without_camera_is_measured_and_reported(run: Runner, tmp_path: Path) -> None:
@@ -212,6 +214,21 @@ def test_one_bad_scene_does_not_take_the_others_down(
     by_name = {s["name"]: s for s in results["scenes"]}
     assert by_name["room"]["status"] == "ok"
     assert by_name["two"]["status"] == "failed" and "max_probes" in by_name["two"]["error"]
+
+
+def test_a_bitmap_file_reaches_the_result(run: Runner, room: Path, tmp_path: Path) -> None:
+    """Finer cells in one corner of the room place more probes there; a layer that misses the room is a note."""
+    corner = BitmapLayer(np.zeros(3), 0.1, np.stack(np.meshgrid(*[np.arange(4)] * 3), axis=-1).reshape(-1, 3))
+    away = BitmapLayer(np.full(3, 50.0), 0.2, np.zeros((1, 3), np.int64))
+    write_bitmap(tmp_path / "edit.json", [corner, away])
+    plain = run(room, "a")["scenes"][0]
+    edited = run(room, "a", placement={"bitmap": str(tmp_path / "edit.json")})["scenes"][0]
+    sizes = [{round(row["voxel_m"], 6): row["real"] for row in s["counts_by_level"]} for s in (plain, edited)]
+    assert sizes[0].get(0.1, 0) == 0 and sizes[1][0.1] > 20
+    notes = [n for n in edited["notes"] if "marks no voxel" in n]
+    assert len(notes) == 1 and "edit.json: layers[1]" in notes[0] and not any("marks no" in n for n in plain["notes"])
+    assert [m["view"] for m in edited["maps"]] == ["above", "side", "section"]
+    assert edited["maps"][0]["bitmap"] != plain["maps"][0]["bitmap"]
 
 
 def test_two_scenes_of_one_name_are_refused(room: Path, tmp_path: Path) -> None:

@@ -77,6 +77,7 @@ def test_the_scenes_own_lights_give_the_pipelines_light(baked: Path, tmp_path: P
         for name, array in expected.items():
             assert np.abs(values[name] - array).max() < 1e-4 * light.radiosity.radiosity.mean(), name
         np.testing.assert_array_equal(values["probe_valid"], probes.valid)
+        np.testing.assert_array_equal(values["probe_light_from"], probes.light_from)
 
 
 def test_evening_is_darker_and_warmer(baked: Path, tmp_path: Path, capsys: Any) -> None:

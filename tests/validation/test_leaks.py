@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from lightgauge.validation.metrics.leaks import in_boxes, measure_leak
+from lightgauge.reference.turned import TurnedBox
+from lightgauge.validation.metrics.leaks import in_boxes, measure_band, measure_leak
 
 DARK = np.arange(10) < 4
 
@@ -60,6 +61,17 @@ def test_sets_are_checked() -> None:
 
 def test_in_boxes() -> None:
     p = np.array([[0, 0, 0], [0.5, 0.5, 2], [5, 5, 5], [1, 1, 1.0]])
-    boxes = [(np.zeros(3), np.ones(3)), (np.full(3, 4.0), np.full(3, 6.0))]
+    boxes = [TurnedBox(np.zeros(3), np.ones(3), np.eye(3)), TurnedBox(np.full(3, 4.0), np.full(3, 6.0), np.eye(3))]
     assert in_boxes(p, boxes).tolist() == [True, False, True, True]
     assert in_boxes(p, []).tolist() == [False] * 4
+
+
+def test_the_band_is_signed() -> None:
+    ours, band = reference(), np.arange(10) >= 8
+    assert measure_band(ours, reference(), band).value == 0.0  # type: ignore[union-attr]
+    ours[8] *= 0.5
+    found = measure_band(ours, reference(), band)
+    assert found is not None and found.value == pytest.approx(-0.25) and found.n == 2
+    ours[9] *= 1.5
+    assert measure_band(ours, reference(), band).value == pytest.approx(0.0)  # type: ignore[union-attr]
+    assert measure_band(ours, reference(), DARK) is None and measure_band(ours, reference(), band & False) is None

@@ -23,7 +23,14 @@ def transport() -> tuple[Group, ...]:
     )  # fmt: skip
 
 
-BENCHES: dict[str, Callable[[], tuple[Group, ...]]] = {"transport": transport}
+def placement() -> tuple[Group, ...]:
+    """Where probes stand: what placing costs, what it saves, and against whom."""
+    from . import eta_rows, leak_rows, place_rows, scheme_rows
+
+    return (*eta_rows.GROUPS, *scheme_rows.GROUPS, *place_rows.GROUPS, *leak_rows.GROUPS)
+
+
+BENCHES: dict[str, Callable[[], tuple[Group, ...]]] = {"transport": transport, "placement": placement}
 
 
 def chosen(names: Sequence[str], rows: Sequence[str]) -> tuple[list[str], list[Group], frozenset[str]]:

@@ -83,17 +83,22 @@ def measure_error(ours: F64, batches: F64) -> dict[str, Measured]:
     if float(batches.mean()) <= 0.0:
         raise ValueError("the reference is dark everywhere: a relative error has no meaning")
     n = batches.shape[1]
+    return {
+        "relrmse": measure_rel_rmse(ours, batches),
+        "bias": Measured(signed_bias(ours, batches), jackknife(signed_bias, ours, batches), n),
+        "p99": Measured(worst_case(ours, batches), jackknife(worst_case, ours, batches), n),
+    }
+
+
+def measure_rel_rmse(ours: F64, batches: F64) -> Measured:
+    """relrmse alone, shapes as for `measure_error`, which checks them."""
     mse, mse_se = cross_half_mse(ours, batches), jackknife(cross_half_mse, ours, batches)
     mean = float(batches.mean())
     below = mse < 2.0 * mse_se
     root = math.sqrt(max(mse, 0.0))
     # d√x = dx / 2√x; below the noise floor the linearisation fails and √(2 se) bounds the root.
     root_se = math.sqrt(2.0 * mse_se) / 2.0 if below else mse_se / (2.0 * root)
-    return {
-        "relrmse": Measured(root / mean, root_se / mean, n, below),
-        "bias": Measured(signed_bias(ours, batches), jackknife(signed_bias, ours, batches), n),
-        "p99": Measured(worst_case(ours, batches), jackknife(worst_case, ours, batches), n),
-    }
+    return Measured(root / mean, root_se / mean, batches.shape[1], below)
 
 
 def worst_points(ours: F64, batches: F64, count: int = 5) -> npt.NDArray[np.intp]:

@@ -2,16 +2,20 @@
 
     leak     = mean over the dark set of Ê / mean over the lit set of R
     overdark = mean over the lit set of max(R - Ê, 0) / R
+    band     = mean over the lit band of (Ê - R) / mean over it of R
 
-Always together, so that "black everywhere" does not win (failure-catalogue, Metrics, Leak).
+Always together, so that "black everywhere" does not win (failure-catalogue, Metrics, Leak). The band is what of the lit set lies
+within one voxel of a wall to the dark: there light that leaked is missing.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
+from ...reference.turned import TurnedBox
 from .error import F64, Measured
 
 
@@ -43,9 +47,21 @@ def measure_leak(ours: F64, reference: F64, dark: np.ndarray) -> dict[str, Measu
     }
 
 
-def in_boxes(positions: F64, boxes: list[tuple[F64, F64]]) -> np.ndarray:
-    """Whether positions (N, 3) lie in one of the boxes (lower, upper): (N,) bool."""
+def measure_band(ours: F64, reference: F64, band: np.ndarray) -> Measured | None:
+    """Signed mean error over the lit band, relative to its mean light; negative: too dark. None where no light is in the band.
+
+    ours, reference (N, 3); band (N,) bool.
+    """
+    mean = float(reference[band].mean()) if band.any() else 0.0
+    if mean <= 0.0:
+        return None
+    error = (ours[band] - reference[band]).mean(axis=1) / mean
+    return Measured(float(error.mean()), float(error.std() / math.sqrt(len(error))), len(error))
+
+
+def in_boxes(positions: F64, boxes: Sequence[TurnedBox]) -> np.ndarray:
+    """Whether positions (N, 3) lie in one of the boxes: (N,) bool."""
     inside = np.zeros(len(positions), dtype=np.bool_)
-    for lower, upper in boxes:
-        inside |= ((positions >= lower) & (positions <= upper)).all(axis=1)
+    for box in boxes:
+        inside |= box.inside(positions)
     return inside

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 
 from ..record import JsonObject
+from .bitmap_pictures import map_colours, map_context
 from .embed import broken_pixels, data_uri, fallback, pixels
-from .overlay import draw_probes, level_colours, surface_marks
+from .leaks import leaks_context
+from .overlay import Colour, draw_probes, level_colours, surface_marks
 from .pictures import SceneView, png_bytes
+from .sweep_tables import grid_rows, lod_rows, sweeps_context
 from .verdict import floor_ratio, headline, warnings
 from .words import COSTS, MEANINGS, SUFFIXES, amount, judge, meaning, number, percent, written
 
@@ -69,6 +72,8 @@ def scene_section(
     """A scene's section. views: its cameras, each with the name of its EXR file."""
     metrics = scene.get("metrics", {})
     worst = list(scene.get("worst", []))
+    drawn = [int(v) for view, _ in views if view.dots is not None for v in np.unique(view.dots.level)]
+    colours = map_colours(scene, drawn)
     return {
         "name": scene["name"],
         "status": scene["status"],
@@ -77,7 +82,12 @@ def scene_section(
         "warnings": warnings(scene),
         "sentence": sentence(metrics),
         "views": [view_context(view, name, worst) for view, name in views],
-        "levels": level_rows(scene, [view for view, _ in views]),
+        "levels": level_rows(scene, level_colours(drawn) or colours),
+        "maps": map_context(scene, colours),
+        "leaks": leaks_context(scene.get("leaks")),
+        "lods": lod_rows(scene),
+        "grids": grid_rows(scene),
+        "sweeps": sweeps_context(scene),
         "sets": [s for name in SETS if (s := set_row(metrics, name)) is not None],
         "others": other_rows(metrics),
         "worst": [worst_row(i, place) for i, place in enumerate(worst)],
@@ -126,10 +136,8 @@ def view_context(view: SceneView, exr: str, worst: Sequence[Mapping[str, Any]]) 
     }
 
 
-def level_rows(scene: Mapping[str, Any], views: Sequence[SceneView]) -> list[JsonObject]:
-    """Counts by level and kind, with the colour of the level's dots."""
-    drawn = [int(v) for view in views if view.dots is not None for v in np.unique(view.dots.level)]
-    colours = level_colours(drawn)
+def level_rows(scene: Mapping[str, Any], colours: Mapping[int, Colour]) -> list[JsonObject]:
+    """Counts by level and kind, with the colour of the level."""
     rows = []
     for row in scene.get("counts_by_level", []):
         rgb = colours.get(row["level"])

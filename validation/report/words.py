@@ -16,6 +16,7 @@ from typing import Any, Literal
 Z95 = 1.96
 TIED = "\u00a0"  # no line breaks between a number and its sign
 SUFFIXES = {"": "seen by the cameras", "_surface": "on probe-lit surfaces", "_volume": "inside the probe volumes"}
+BOUNDS = {"at least": "\u2265\u00a0", "at most": "\u2264\u00a0"}
 Kind = Literal["percent", "signed", "times", "plain"]
 Judgement = Literal["good", "over", "unsure", ""]
 
@@ -82,6 +83,7 @@ def written(metric: Mapping[str, Any], kind: Kind, unit: str = "") -> tuple[str,
     sign = f"{TIED}%" if scale > 1.0 else "\u00d7" if kind == "times" else f" {unit}" if unit else ""
     shown, half = interval(scale * float(metric["value"]), scale * Z95 * float(metric.get("se") or 0.0))
     shown = f"+{shown}" if kind == "signed" and metric["value"] > 0 else shown
+    shown = BOUNDS.get(str(metric.get("bound", "")), "") + shown
     return shown + sign, f"±{TIED}{half}{sign}" if half else ""
 
 

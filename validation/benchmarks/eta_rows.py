@@ -1,0 +1,82 @@
+"""Placement efficiency η: how many more probes a uniform grid needs for the error of the scene's own placement.
+
+Both at SHIFTS random placements of their lattice, the grid at the best of its offsets. `eta_house` and `eta_valley` are at
+equal relRMSE over the cameras, `eta_cornell` at equal placement-only error, because there the floor of L1 is most of the
+rest. `_inside` and `_outside`: each camera of house for itself. `_placement`: at equal placement-only error. `_valid`, `_bytes`,
+`_update`: by valid probes, by bytes of form factors and texture, by the time of an update. Near the floor of L1 the grids' curve is
+flat and η by total error says little more than that grids do not get there; the placement-only rows do not suffer from that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+
+from ...fastpath.device import open_device
+from ...reference import pipeline
+from ...reference.progress import Progress
+from ...reference.variant import ensure_variant
+from ..efficiency.curve import Cost, GridRow, Key, bracketing_curve
+from ..efficiency.eta import eta
+from ..efficiency.judged import judges
+from ..efficiency.placements import Reached, random_shifts, reached
+from ..ground_truth import ground_truth
+from .places import bundled
+from .rows import Group, Row, Wanted
+
+SHIFTS = 4
+STEP, MOST = 2.0**0.5, 9
+SEED = 0
+COSTS: Mapping[str, Cost] = {"": "probes", "_valid": "valid_probes", "_bytes": "bytes", "_update": "entries"}
+TARGETS = {"eta_house": 15.0, "eta_valley": 8.0, "eta_cornell": 1.3}
+TARGETS |= {"eta_house_inside": 15.0, "eta_house_outside": 15.0}
+# Row name without the cost's suffix → what is judged.
+JUDGED: Mapping[str, Mapping[str, Key]] = {
+    "cornell": {"eta_cornell": ("camera", "placement"), "eta_cornell_surface": ("surface", "placement")},
+    "house": {
+        "eta_house": ("camera", "total"),
+        "eta_house_inside": ("camera_inside", "total"),
+        "eta_house_outside": ("camera_outside", "total"),
+        "eta_house_placement": ("camera", "placement"),
+    },
+    "valley": {"eta_valley": ("camera", "total"), "eta_valley_placement": ("camera", "placement")},
+}
+
+
+def names(scene: str) -> tuple[str, ...]:
+    """Row names of a scene."""
+    return tuple(row + suffix for row in JUDGED[scene] for suffix in COSTS)
+
+
+def efficiency(scene_name: str, wanted: Wanted, progress: Progress) -> Iterator[Row]:
+    """Rows of one scene."""
+    del wanted
+    ensure_variant()
+    scene, device = bundled(scene_name), open_device()
+    truth = ground_truth(scene, SEED, progress)
+    surfaces = pipeline.bake_surfaces(scene, SEED, progress)
+    light = pipeline.light_patches(scene, surfaces, SEED, progress)
+    asked = list(judges(scene, truth, ("camera", "surface")))
+    shifts = random_shifts(scene, surfaces, SHIFTS, SEED)
+    ours = reached(scene, device, (surfaces, light), truth, asked, shifts, SEED, progress)
+    wanted_errors = {key: ours.error[key].value for key in JUDGED[scene_name].values()}
+    curve = bracketing_curve(
+        scene, surfaces, light, truth, asked, wanted_errors, ours.cost["probes"], STEP, MOST, SHIFTS, SEED, progress
+    )
+    for row, key in JUDGED[scene_name].items():
+        for suffix, cost in COSTS.items():
+            yield _row(row + suffix, curve, ours, key, cost)
+
+
+def _row(name: str, curve: list[GridRow], ours: Reached, key: Key, cost: Cost) -> Row:
+    found = eta(curve, key, cost, ours.cost[cost], ours.error[key])
+    error = ours.error[key]
+    note = (
+        f"{'at least; ' if found.bound == 'at least' else ''}{key[0]} points, {key[1]} error {error.value:.2%} ± {error.se:.2%}; "
+        f"{ours.cost['probes']:.0f} probes, {ours.cost['valid_probes']:.0f} valid; grids "
+        + ", ".join(f"{r.voxel:.3g} m {r.cost['probes']:.0f} {r.error[key]:.2%}" for r in curve)
+    )
+    return Row(name, found.value, "x", TARGETS.get(name), "higher", found.se, SHIFTS, note)
+
+
+GROUPS = tuple(Group(names(scene), partial(efficiency, scene)) for scene in JUDGED)

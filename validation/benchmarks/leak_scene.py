@@ -1,0 +1,144 @@
+"""Two rooms in one block, of any wall thickness and turned any way: where light leaks can be known exactly.
+
+Everything but the second room counts as lit: the first room, and the outside. So each wall of the second room is tried, and a
+place in it leaks exactly when it reads a probe that stands elsewhere. No light needs to be computed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...reference import pipeline
+from ...reference.config import SceneSettings
+from ...reference.config_base import Vec3
+from ...reference.datatypes import F64, BitmapLayer, Material, Mesh, Scene, VirtualTexture
+from ...reference.lattice import OCTANTS
+from ...reference.placement.dead_edges import light_from
+from ...reference.progress import silent
+from ...reference.truth.points import inside_share
+from ...reference.turned import TurnedBox, rotation_matrix, turned
+from ...reference.volume.indirection import build_indirection
+from ...reference.volume.layout import build_layout
+from ...reference.volume.tiles import fill_tiles, probe_texels, with_copies
+from ..leaks.edit import Search
+from ..leaks.field import LightField, Places, places
+from ..leaks.walls import spread
+
+ROOM = np.array([4.0, 3.0, 3.0])  # voxels of 1 m
+VOXEL = 1.0
+INWARDS = 0.02  # of a voxel
+OFF_MIDDLE = np.array([0.4371, 0.4639, 0.4713])
+FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class TwoRooms:
+    """thickness, m, of all walls; matrix (3, 3) turns the scene; dark: the second room; surfaces: baked, as placement needs
+    them."""
+
+    thickness: float
+    matrix: F64
+    scene: Scene
+    dark: TurnedBox
+    surfaces: pipeline.Surfaces
+
+    def field(self, shift: F64, layers: Sequence[BitmapLayer] = ()) -> LightField:
+        """Probes on a lattice shifted by (3,) voxels, with light where they do not stand in the dark room."""
+        scene, g = dataclasses.replace(self.scene, bitmap=tuple(layers)), self.surfaces.geometry
+        s = scene.settings.placement
+        tree = pipeline.place(scene, self.surfaces, 0, shift)
+        valid = inside_share(g, tree.positions, None) <= s.backface_tolerance
+        source = light_from(g, tree, valid, s.backface_tolerance, 7)
+        coefficients = np.zeros((len(valid), 4, 3), dtype=np.float32)
+        coefficients[~self.dark.inside(tree.positions), 0] = 1.0
+        layout = build_layout(tree)
+        texels = fill_tiles(layout, probe_texels(*with_copies(coefficients, source)))
+        grid = tree.grid
+        texture = VirtualTexture(grid.origin, grid.finest, grid.level, grid.extent, build_indirection(layout), texels)
+        return LightField(g, tree, layout, texture, source, coefficients, 0.5 * grid.wanted)
+
+    @property
+    def spreads(self) -> F64:
+        """|nx| + |ny| + |nz| (3,) of the walls' three normals."""
+        return spread(self.matrix.T)
+
+    @property
+    def keeps_light_in(self) -> bool:
+        """Whether t ≥ h (|nx| + |ny| + |nz|) holds for all walls."""
+        return bool((self.thickness >= VOXEL * self.spreads).all())
+
+    def search(self, field: LightField, at: Places, shift: F64) -> Search:
+        """For leaks and edits: the second room must stay dark at places `at`."""
+        return Search(field, at, self.dark.inside, 1.0, lambda layers: self.field(shift, layers))
+
+
+def two_rooms(thickness: float, rotation: Vec3) -> TwoRooms:
+    """The scene with walls of `thickness` voxels, turned by degrees about x, then y, then z."""
+    t, m = thickness, rotation_matrix(rotation)
+    x, y, z = ROOM
+    boxes = {
+        "outside": (np.array([-t, -t, -t]), np.array([2 * x + 2 * t, y + t, z + t]), False),
+        "lit_room": (np.zeros(3), ROOM, True),
+        "dark_room": (np.array([x + t, 0, 0]), np.array([2 * x + t, y, z]), True),
+    }
+    meshes = tuple(_box(name, low, high, inward, m) for name, (low, high, inward) in boxes.items())
+    volumes = {n: {"min": boxes[n][0].tolist(), "max": boxes[n][1].tolist()} for n in ("lit_room", "dark_room")}
+    tables = {
+        "scene": {"rotation": list(rotation)}, "materials": {}, "meshes": {}, "volumes": volumes,
+        # `touching`: that walls are given voxels at all must not depend on what far corners happen to see.
+        "placement": {"min_voxel": VOXEL, "touching": True},
+        "radiosity": {"patch_size": 4.0, "rays": 64, "noise": 1.0},
+    }  # fmt: skip
+    settings = SceneSettings.model_validate_json(json.dumps(tables), strict=True)
+    scene = Scene("two rooms", settings, meshes, (Material("grey", np.full(3, 0.5)),), None, (), "0")
+    return TwoRooms(t, m, scene, TurnedBox(*boxes["dark_room"][:2], m), pipeline.bake_surfaces(scene, 0, silent))
+
+
+def _box(name: str, low: F64, high: F64, inward: bool, matrix: F64) -> Mesh:
+    corners = np.array(list(itertools.product((0, 1), repeat=3))) * (high - low) + low
+    faces = np.array([(f[0], f[i], f[i + 1]) for f in FACES for i in (1, 2)], dtype=np.int32)
+    faces = np.ascontiguousarray(faces[:, ::-1]) if inward else faces
+    return Mesh(name, turned(corners, matrix), faces, None, 0, True, True, None, np.zeros(3), False, True)
+
+
+def all_over(rooms: TwoRooms, seed: int, count: int) -> F64:
+    """Positions (count, 3) m all over the dark room, half of them within half a voxel of its walls."""
+    random = np.random.default_rng([seed, 23])
+    share = random.random((count, 3))
+    near = np.arange(count // 2)
+    axis, side = random.integers(0, 3, len(near)), random.integers(0, 2, len(near))
+    edge = (rooms.dark.upper - rooms.dark.lower)[axis]
+    share[near, axis] = side + (1 - 2 * side) * random.random(len(near)) * 0.5 * VOXEL / edge
+    return rooms.dark.world(share)
+
+
+def dark_places(rooms: TwoRooms, field: LightField, seed: int, count: int) -> Places:
+    """Places all over the dark room, and just within each corner of each voxel: whatever part of a voxel is behind a wall,
+    the part that is furthest behind is near a corner."""
+    parts = [all_over(rooms, seed, count)]
+    grid = field.octree.grid
+    for level, voxels in enumerate(field.octree.voxels):
+        offset = INWARDS + (1.0 - 2.0 * INWARDS) * OCTANTS
+        parts.append((grid.origin + (voxels[:, None, :] + offset) * grid.size(level)).reshape(-1, 3))
+    positions = np.concatenate(parts)
+    return places(positions[rooms.dark.inside(positions)], None, "dark")
+
+
+def leaky_shift(rooms: TwoRooms) -> F64:
+    """A shift (3,) of the lattice, in voxels, that puts a probe just outside of the wall that is hardest for voxels, where
+    its voxel reaches furthest: into the dark room, if any voxel does."""
+    axis = int(np.argmax(rooms.spreads))
+    normal = rooms.matrix[:, axis]
+    gap = max(VOXEL * rooms.spreads[axis] - rooms.thickness, 0.0)
+    # Off the middle, or the lattice would lie exactly in walls: then it is rounding that decides what a probe there sees.
+    middle = rooms.dark.lower + OFF_MIDDLE * (rooms.dark.upper - rooms.dark.lower)
+    middle[axis] = rooms.dark.lower[axis] - rooms.thickness
+    corner = turned(middle, rooms.matrix) - 0.2371 * gap * normal
+    low = np.min([m.vertices.min(axis=0) for m in rooms.scene.meshes], axis=0)
+    return np.asarray((low - corner) / VOXEL % 1.0)

@@ -1,0 +1,163 @@
+"""What the parts of placement save on house, and what they cost in error: child-only probes, the surface bitmap, the threshold.
+
+`child_only_*`: against plain 3×3×3 subdivision. `bitmap_*`: the bitmap of all surfaces at one resolution (BITMAP_VOXEL), against
+subdividing wherever the harmonic mean is short; so it is the bitmap alone that saves, not the artist's coarser levels, which
+`artist_saving_house` adds. `threshold_T_*`: a plane reads 4 h, so thresholds under 1.75 voxel sizes miss walls and make the error
+depend on where the lattice falls: the spread is that over SHIFTS of it. `harmonic_saving_house`: probes that the default
+threshold saves against the bitmap alone (threshold ∞).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ...fastpath.device import OpenDevice, open_device
+from ...reference import pipeline
+from ...reference.datatypes import F64, Scene
+from ...reference.lattice import Grid, Octree, keys, make_grid
+from ...reference.placement.octree import build_octree
+from ...reference.placement.voxel_bitmap import VoxelBitmap
+from ...reference.progress import Progress
+from ...reference.variant import ensure_variant
+from ..efficiency.curve import Key
+from ..efficiency.judged import Judge, judges
+from ..efficiency.placements import Place, Reached, adaptive, random_shifts, reached
+from ..ground_truth import GroundTruth, ground_truth
+from .places import bundled
+from .rows import Group, Row, Wanted
+
+SHIFTS, SEED = 4, 0
+BITMAP_VOXEL = 0.5  # m: without a bitmap, 0.25 m would need a million probes
+THRESHOLDS = (1.0, 1.5, 1.75, 2.0, 2.5, 3.0)
+EVERYWHERE = 1e9  # a threshold that no distance exceeds
+KEY: Key = ("camera", "total")
+CHILD_ROWS = ("child_only_saving_house", "child_only_error_raise_house")
+BITMAP_ROWS = ("bitmap_saving_house", "bitmap_error_raise_house", "artist_saving_house", "artist_error_raise_house")
+SWEEP_ROWS = tuple(f"threshold_{t:g}_{what}" for t in THRESHOLDS for what in ("relrmse", "probes"))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Bench:
+    """House, lit, and what is asked of it."""
+
+    scene: Scene
+    device: OpenDevice
+    lit: tuple[pipeline.Surfaces, pipeline.PatchLight]
+    truth: GroundTruth
+    asked: list[Judge]
+    shifts: F64
+    progress: Progress
+
+    def of(self, scene: Scene, place: Place = adaptive) -> Reached:
+        """Placements of the scene with other settings."""
+        return reached(scene, self.device, self.lit, self.truth, self.asked, self.shifts, SEED, self.progress, place)
+
+
+def bench(progress: Progress) -> Bench:
+    """The bench on house."""
+    ensure_variant()
+    scene = bundled("house")
+    truth = ground_truth(scene, SEED, progress)
+    surfaces = pipeline.bake_surfaces(scene, SEED, progress)
+    lit = (surfaces, pipeline.light_patches(scene, surfaces, SEED, progress))
+    shifts = random_shifts(scene, surfaces, SHIFTS, SEED)
+    return Bench(scene, open_device(), lit, truth, list(judges(scene, truth, ("camera",))), shifts, progress)
+
+
+def changed(scene: Scene, **placement: Any) -> Scene:
+    """The scene with other placement settings, without culling: what is asked here is where probes are placed."""
+    settings = scene.settings.placement.model_copy(update={"cull_error": None, **placement})
+    return dataclasses.replace(scene, settings=scene.settings.model_copy(update={"placement": settings}))
+
+
+def child_only(wanted: Wanted, progress: Progress) -> Iterator[Row]:
+    """Two rows."""
+    del wanted
+    b = bench(progress)
+    few, plain = b.of(changed(b.scene)), b.of(changed(b.scene, subdivision="plain"))
+    yield from _against(CHILD_ROWS, few, plain, (0.25, 0.02), "child-only", "plain 3×3×3")
+
+
+def bitmap(wanted: Wanted, progress: Progress) -> Iterator[Row]:
+    """Four rows."""
+    del wanted
+    b = bench(progress)
+    one_size = changed(_one_resolution(b.scene), min_voxel=BITMAP_VOXEL)
+    unmarked, marked = b.of(one_size, _without_bitmap), b.of(one_size)
+    yield from _against(BITMAP_ROWS[:2], marked, unmarked, (0.12, 0.02), "surface bitmap", "no bitmap")
+    fine = changed(_one_resolution(b.scene))
+    artist = b.of(changed(b.scene))
+    yield from _against(BITMAP_ROWS[2:], artist, b.of(fine), (None, None), "per-mesh levels", "all at the finest")
+
+
+def _one_resolution(scene: Scene) -> Scene:
+    """No mesh and no volume asks for a resolution of its own."""
+    meshes = tuple(dataclasses.replace(m, probe_size=None) for m in scene.meshes)
+    return dataclasses.replace(scene, meshes=meshes, settings=scene.settings.model_copy(update={"volumes": {}}))
+
+
+def _without_bitmap(scene: Scene, surfaces: pipeline.Surfaces, shift: F64) -> Octree:
+    """Subdivided wherever the harmonic mean is short."""
+    s = scene.settings.placement
+    grid = make_grid(*pipeline.probe_bounds(scene, surfaces.geometry), s.min_voxel, shift)
+    return build_octree(
+        surfaces.geometry,
+        grid,
+        VoxelBitmap(tuple(_all_voxels(grid, level) for level in range(grid.level + 1))),
+        s,
+        SEED,
+    )
+
+
+def _all_voxels(grid: Grid, level: int) -> Any:
+    axes = [np.arange(n + 1) for n in grid.last(level)]
+    return np.sort(keys(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)))
+
+
+def _against(
+    rows: tuple[str, ...], ours: Reached, other: Reached, targets: tuple[float | None, float | None], us: str, them: str
+) -> Iterator[Row]:
+    """Share of probes saved, and raise of the error, of `ours` against `other`."""
+    saved = 1.0 - ours.cost["probes"] / other.cost["probes"]
+    raised = ours.error[KEY].value / other.error[KEY].value - 1.0
+    note = (
+        f"{us}: {ours.cost['probes']:.0f} probes, {ours.error[KEY].value:.2%}; {them}: {other.cost['probes']:.0f}, "
+        f"{other.error[KEY].value:.2%}; camera points, {SHIFTS} random placements of both"
+    )
+    yield Row(rows[0], saved, "share", targets[0], "higher", 0.0, SHIFTS, note)
+    yield Row(rows[1], raised, "share", targets[1], "lower", 0.0, SHIFTS, note)
+
+
+def threshold_sweep(wanted: Wanted, progress: Progress) -> Iterator[Row]:
+    """Error and probes by threshold, and what the harmonic mean saves beyond plain occupancy."""
+    del wanted
+    b = bench(progress)
+    probes: dict[float, float] = {}
+    for threshold in (*THRESHOLDS, EVERYWHERE):
+        found = [
+            dataclasses.replace(b, shifts=b.shifts[i : i + 1]).of(changed(b.scene, threshold=threshold))
+            for i in range(SHIFTS)
+        ]
+        errors = np.array([r.error[KEY].value for r in found])
+        probes[threshold] = float(np.mean([r.cost["probes"] for r in found]))
+        if threshold != EVERYWHERE:
+            name, note = f"threshold_{threshold:g}", "spread: standard deviation over random placements"
+            yield Row(
+                f"{name}_relrmse", float(errors.mean()), "share", None, "lower", float(errors.std(ddof=1)), SHIFTS, note
+            )
+            yield Row(f"{name}_probes", probes[threshold], "probes", None, "lower", 0.0, SHIFTS)
+    own = b.scene.settings.placement.threshold
+    saved = 1.0 - b.of(changed(b.scene)).cost["probes"] / probes[EVERYWHERE]
+    note = f"threshold {own:g} against the bitmap alone: {probes[EVERYWHERE]:.0f} probes, {errors.mean():.2%}"
+    yield Row("harmonic_saving_house", saved, "share", None, "higher", 0.0, SHIFTS, note)
+
+
+GROUPS = (
+    Group(CHILD_ROWS, child_only),
+    Group(BITMAP_ROWS, bitmap),
+    Group((*SWEEP_ROWS, "harmonic_saving_house"), threshold_sweep),
+)

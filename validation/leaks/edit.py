@@ -1,0 +1,215 @@
+"""The smallest bitmap edit that stops a leak, tried out: bake, look where it still leaks, refine there alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...reference.datatypes import F64, I64, BitmapLayer, Bool
+from ...reference.errors import InputError
+from ...reference.lattice import NEIGHBOURS, Grid, Octree, cells, index_of, keys, unique_cells
+from ...reference.progress import Progress
+from .attribution import Leaks, blamed, find_leaks
+from .descent import TRIED, Wanted, finer_cells
+from .field import LightField, Places, cells_at, joined, places
+from .offenders import offenders
+from .walls import in_the_open, is_sheet
+
+MOST_ROUNDS = 6
+MOST_DEEPER = 4  # levels below placement.min_voxel: walls that taper off would want ever finer voxels
+MOST_CELLS = 200_000
+PER_AXIS = 4  # places in each voxel at or beside a leak that are looked at after each bake
+MOST_CHECKED = 100_000
+ENOUGH = 0.02  # of the leaking places may stay where the scene does not say what must be dark: light round corners never ends
+STRATA = np.stack(np.meshgrid(*[np.arange(PER_AXIS)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+WAVES = 64  # of the search along a wall, a voxel each
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What an edit is searched for. field: before. at: the places that must not leak. dark: which positions are to be without
+    light, None where the scene does not say. mean_light, W·m⁻². rebake: the field with layers laid over the scene."""
+
+    field: LightField
+    at: Places
+    dark: Wanted | None
+    mean_light: float
+    rebake: Callable[[Sequence[BitmapLayer]], LightField]
+
+    def leaks(self, field: LightField, at: Places) -> Leaks:
+        """Leaks of a field at places."""
+        return find_leaks(field, at, None if self.dark is None else self.dark(at.positions), self.mean_light)
+
+    def wanted(self, positions: F64) -> Bool:
+        """Which positions (N, 3) m an edit is for."""
+        return np.ones(len(positions), dtype=np.bool_) if self.dark is None else self.dark(positions)
+
+
+@dataclass(frozen=True, eq=False)
+class Edit:
+    """layers: none where nothing leaks. places: all that were looked at, the search's first. before, after: leaks there.
+    field: with the edit. rounds: bakes it took. sheets: places that leak through sheets, which no voxel stops. refused: why the
+    octree would not bear finer cells, empty where it did."""
+
+    layers: tuple[BitmapLayer, ...]
+    places: Places
+    before: Leaks
+    after: Leaks
+    field: LightField
+    rounds: int
+    sheets: int
+    refused: str
+
+    @property
+    def cells(self) -> int:
+        """Cells of all layers."""
+        return sum(len(layer.cells) for layer in self.layers)
+
+    @property
+    def in_sight(self) -> int:
+        """Places that are still lit by probes that they see: no wall lies between, those probes themselves hold the light."""
+        lit = np.unique(self.after.pairs.weights.sample[blamed(self.after)])
+        return int(self.after.leaks.sum()) - len(lit)
+
+    @property
+    def stops(self) -> bool:
+        """Whether no light comes through a wall any more."""
+        return int(self.after.leaks.sum()) == self.in_sight
+
+
+def find_edit(search: Search, progress: Progress) -> Edit:
+    """Search for the smallest edit: cells by the descent, verified by baking, grown where light still comes through.
+
+    Each bake is also looked at in places that no earlier one was, all over the voxels that leaked.
+    """
+    field, grid = search.field, search.field.octree.grid
+    at = joined([search.at, along_the_walls(search, field, search.at)])
+    now = search.leaks(field, at)
+    voxels = _leaking_voxels(field, now, at)
+    chosen: dict[int, I64] = {}
+    deepest, rounds, refused = grid.wanted_level + MOST_DEEPER, 0, ""
+    few = 0 if search.dark is not None else int(ENOUGH * now.leaks.sum())
+    while rounds < MOST_ROUNDS and int(now.leaks.sum()) > few:
+        found = _cells_for(search, field, now, at, _through_sheets(search, now, at), deepest)
+        grown = _grown(chosen, found)
+        if _count(grown) == _count(chosen) or _count(grown) > MOST_CELLS:
+            break
+        rounds += 1
+        progress("leaks: trying an edit", rounds, MOST_ROUNDS)
+        try:
+            field = search.rebake(layers_of(grid, grown))
+        except InputError as error:  # too deep or too many probes: as much of it as the octree bears
+            refused, deepest = str(error), max(grown) - 1
+            continue
+        chosen = grown
+        at = joined([at, _still_leaking(search, field, voxels, rounds)])
+        now = search.leaks(field, at)
+    sheets = int(_through_sheets(search, now, at).sum())
+    return Edit(layers_of(grid, chosen), at, search.leaks(search.field, at), now, field, rounds, sheets, refused)
+
+
+def _leaking_voxels(field: LightField, leaks: Leaks, at: Places) -> dict[int, I64]:
+    """Cells (N, 3) by level of the voxels that hold leaking places, and of their neighbours."""
+    bad = np.flatnonzero(leaks.leaks)
+    level = leaks.holds[bad]
+    found = {}
+    for deep in np.unique(level):
+        cell = unique_cells(cells_at(field.octree, int(deep), at.positions[bad[level == deep]]))
+        found[int(deep)] = _beside(field.octree, int(deep), cell)
+    return found
+
+
+def _beside(octree: Octree, level: int, cell: I64) -> I64:
+    """Voxels (M, 3) of `level` at and around cells (N, 3)."""
+    around = unique_cells((cell[:, None, :] + NEIGHBOURS).reshape(-1, 3))
+    return around[index_of(keys(octree.voxels[level]), keys(around)) >= 0]
+
+
+def _still_leaking(search: Search, field: LightField, voxels: dict[int, I64], number: int) -> Places:
+    """Leaking places of a field all over `voxels`, cells (N, 3) by level of the search's own: others for every `number`."""
+    grid, random = search.field.octree.grid, np.random.default_rng([number, 29])
+    tried = [np.zeros((0, 3))]
+    for level, cell in voxels.items():
+        share = (STRATA + random.random((len(cell), *STRATA.shape))) / PER_AXIS
+        tried.append((grid.origin + (cell[:, None, :] + share) * grid.size(level)).reshape(-1, 3))
+    fresh = np.concatenate(tried)
+    fresh = fresh[search.wanted(fresh)]
+    fresh = fresh[:: 1 + len(fresh) // MOST_CHECKED]
+    fresh = fresh[in_the_open(field.geometry, fresh)]
+    here = places(fresh, None, "between")
+    return places(fresh[search.leaks(field, here).leaks], None, "between")
+
+
+def _cells_for(
+    search: Search, field: LightField, leaks: Leaks, at: Places, sheets: Bool, deepest: int
+) -> dict[int, I64]:
+    """Cells by level, down to `deepest`, that stop what leaks now."""
+    grid, found = field.octree.grid, dict[int, list[I64]]()
+    for group in offenders(field, leaks, at, sheets, deepest):
+        for level, finer in finer_cells(field.geometry, grid, group, search.wanted).items():
+            found.setdefault(level, []).append(finer)
+    return {level: np.concatenate(parts) for level, parts in found.items()}
+
+
+def _grown(chosen: dict[int, I64], found: dict[int, I64]) -> dict[int, I64]:
+    """Cells by level of both, none twice."""
+    both = dict(chosen)
+    for level, more in found.items():
+        both[level] = unique_cells(np.concatenate([chosen.get(level, more[:0]), more]))
+    return both
+
+
+def _count(by_level: dict[int, I64]) -> int:
+    return sum(map(len, by_level.values()))
+
+
+def layers_of(grid: Grid, by_level: dict[int, I64]) -> tuple[BitmapLayer, ...]:
+    """Cells (N, 3) by level as layers on the octree's own lattice, coarse to fine."""
+    return tuple(
+        BitmapLayer(grid.origin, float(grid.finest * 2.0 ** (grid.level - level)), by_level[level], "place")
+        for level in sorted(by_level)
+    )
+
+
+def along_the_walls(search: Search, field: LightField, at: Places) -> Places:
+    """More places, in the voxels around those that leak, and around these where they leak too: receivers are few, and a moving
+    object may stand anywhere."""
+    found: list[Places] = []
+    asked: dict[int, I64] = {}
+    here = at
+    for _ in range(WAVES):
+        leaks = search.leaks(field, here)
+        fresh = _neighbours(field, leaks, here, asked)
+        fresh = fresh[search.wanted(fresh)]
+        if len(fresh) == 0:
+            break
+        fresh = fresh[in_the_open(field.geometry, fresh)]
+        here = places(fresh, None, "between")
+        found.append(here)
+    return joined(found)
+
+
+def _neighbours(field: LightField, leaks: Leaks, at: Places, asked: dict[int, I64]) -> F64:
+    """Places (N, 3) m in voxels at and around those that leak and that were not asked yet; `asked` (keys by level) grows."""
+    octree, grid = field.octree, field.octree.grid
+    bad = np.flatnonzero(leaks.leaks)
+    level = np.minimum(leaks.answers[bad], leaks.holds[bad])
+    made = [np.zeros((0, 3))]
+    for deep in np.unique(level):
+        cell = unique_cells(cells_at(octree, deep, at.positions[bad[level == deep]]))
+        around = keys(_beside(octree, int(deep), cell))
+        old = asked.get(int(deep), np.zeros(0, dtype=np.int64))
+        fresh = np.setdiff1d(around, old)
+        asked[int(deep)] = np.union1d(old, fresh)
+        made.append((grid.origin + (cells(fresh)[:, None, :] + TRIED) * grid.size(int(deep))).reshape(-1, 3))
+    return np.concatenate(made)
+
+
+def _through_sheets(search: Search, leaks: Leaks, at: Places) -> Bool:
+    """Places (N,) all of whose blamed light comes through sheets: no voxel is small enough for them."""
+    mine = blamed(leaks)
+    sheet = is_sheet(search.field.geometry, leaks.pairs.triangle)
+    sample, n = leaks.pairs.weights.sample, at.count
+    return np.asarray((np.bincount(sample, mine & sheet, n) > 0) & (np.bincount(sample, mine & ~sheet, n) == 0))

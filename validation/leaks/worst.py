@@ -1,0 +1,93 @@
+"""The leaks of a scene as tables: by wall, and the worst places with the probes they read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...reference.datatypes import Scene
+from .attribution import blamed, walls_crossed
+from .edit import Edit
+from .field import LightField
+from .prediction import triple
+
+WORST = 10
+PROBES = 4  # of a place that are named
+
+
+def by_wall(scene: Scene, field: LightField, edit: Edit) -> list[dict[str, Any]]:
+    """Per mesh that leaks: how many places, their mean strength, and the share of all leaked light, most first."""
+    leaks = edit.before
+    pairs, mine = leaks.pairs, blamed(leaks)
+    mesh = field.geometry.mesh[pairs.triangle]
+    total = float(np.abs(pairs.light[mine]).sum())
+    rows = []
+    for number in np.unique(mesh[mine]):
+        here = mine & (mesh == number)
+        at = np.unique(pairs.weights.sample[here])
+        rows.append(
+            {
+                "mesh": scene.meshes[number].name,
+                "places": len(at),
+                "strength": float(np.abs(leaks.strength[at]).mean()),
+                "share": float(np.abs(pairs.light[here]).sum()) / total,
+            }
+        )
+    return sorted(rows, key=lambda row: -row["share"])
+
+
+def worst_places(scene: Scene, field: LightField, edit: Edit) -> list[dict[str, Any]]:
+    """The places that leak most, each with the probes that the light comes from and the wall that it comes through."""
+    leaks, at = edit.before, edit.places
+    sample, mine = leaks.pairs.weights.sample, blamed(leaks)
+    order = np.argsort(-np.abs(np.where(leaks.leaks, leaks.strength, 0.0)), kind="stable")[:WORST]
+    size = field.octree.grid.size
+    rows = []
+    for i in (int(n) for n in order if leaks.leaks[n]):
+        pairs = np.flatnonzero((sample == i) & mine)
+        pairs = pairs[np.argsort(-np.abs(leaks.pairs.light[pairs]), kind="stable")]
+        whole = float(np.abs(leaks.pairs.light[sample == i]).sum())
+        rows.append(
+            {
+                "set": at.names[i],
+                "position": list(triple(at.positions[i])),
+                "strength": float(leaks.strength[i]),
+                "voxel_m": size(int(min(leaks.answers[i], leaks.holds[i]))),
+                "dead": bool(leaks.answers[i] < leaks.holds[i]),
+                "probes": [_probe(field, edit, int(k), whole) for k in pairs[:PROBES]],
+                "wall": _wall(scene, field, edit, int(pairs[0])) if len(pairs) else None,
+            }
+        )
+    return rows
+
+
+def _probe(field: LightField, edit: Edit, pair: int, whole: float) -> dict[str, Any]:
+    """A probe by number, place and level, with its share of the place's light."""
+    pairs = edit.before.pairs
+    probe = int(pairs.weights.probe[pair])
+    return {
+        "index": probe,
+        "position": list(triple(field.octree.positions[probe])),
+        "level": int(field.octree.corner_level[probe]),
+        "share": abs(float(pairs.light[pair])) / max(whole, 1e-300),
+    }
+
+
+def _wall(scene: Scene, field: LightField, edit: Edit, pair: int) -> dict[str, Any]:
+    """The wall at the crossing. Thickness and need are absent where there is no slab: at a wall's end or in a wedge."""
+    pairs = edit.before.pairs
+    walls = walls_crossed(
+        field.geometry, pairs, edit.places, np.array([pair, pair])
+    )  # two: one lane would compile anew
+    found: dict[str, Any] = {
+        "mesh": scene.meshes[int(field.geometry.mesh[pairs.triangle[pair]])].name,
+        "position": list(triple(pairs.crossing[pair])),
+    }
+    if np.isfinite(walls.thickness[0]):
+        found |= {
+            "behind": scene.meshes[int(walls.behind[0])].name,
+            "thickness_m": float(walls.thickness[0]),
+            "needed_voxel_m": float(walls.need[0]),
+        }
+    return found
