@@ -107,8 +107,8 @@ def deepened(grid: Grid, size: float) -> Grid:
         return grid
     if grid.level + extra > MAX_LEVEL:
         raise InputError(
-            f"voxel bitmap: cells of {size:g} m need {grid.level + extra} octree levels, at most {MAX_LEVEL} are supported; use "
-            f"{grid.size(MAX_LEVEL):.3g} m or more"
+            f"the bitmap file (placement.bitmap, --bitmap): cells of {size:g} m need {grid.level + extra} octree levels, at most "
+            f"{MAX_LEVEL} are supported; use {grid.size(MAX_LEVEL):.3g} m or more"
         )
     finest = float(grid.finest * 2.0**-extra)
     return Grid(grid.origin, finest, grid.level + extra, grid.extent << extra, grid.extra + extra)

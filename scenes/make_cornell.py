@@ -37,6 +37,7 @@ front = { origin = [0.278, 0.273, -0.8], target = [0.278, 0.273, 0.0], fov_deg =
 
 [placement]
 min_voxel = 0.035
+cull_error = 0.02
 
 [radiosity]
 patch_size = 0.03

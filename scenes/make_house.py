@@ -60,6 +60,7 @@ inside = { origin = [-3.4, 1.7, -2.3], target = [1.0, 1.0, 1.2], fov_deg = 85.0 
 
 [placement]
 min_voxel = 0.25
+cull_error = 0.02
 probe_noise = 0.04
 
 [radiosity]

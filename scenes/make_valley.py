@@ -70,6 +70,7 @@ village = { origin = [-82.0, 9.0, -14.0], target = [0.0, 2.0, 16.0], fov_deg = 5
 
 [placement]
 min_voxel = 2.0
+cull_error = 0.02
 
 [radiosity]
 patch_size = 14.0

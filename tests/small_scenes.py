@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from lightgauge.reference.config import MeshSettings, SceneSettings
 from lightgauge.reference.datatypes import F64, Material, Mesh, Scene, Sky, VirtualTexture
-from lightgauge.reference.lattice import OCTANTS, Grid, Octree, unique_cells
-from lightgauge.reference.placement.octree import _corners
+from lightgauge.reference.lattice import OCTANTS, Grid, Octree, keys, unique_cells
+from lightgauge.reference.placement.subdivision import NOTHING, corner_keys
 from lightgauge.reference.transport.patches import Patches, build_patches
 from lightgauge.reference.visibility import Geometry, build_geometry
 from lightgauge.reference.volume.indirection import build_indirection
@@ -123,6 +123,14 @@ def one_patch_each(quads: Sequence[Any]) -> tuple[Geometry, Patches, Array]:
 def random_units(n: int, seed: int) -> F64:
     v = np.random.default_rng(seed).normal(size=(n, 3))
     return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
+
+
+def _corners(grid: Grid, voxels: Sequence[Array]) -> tuple[Array, Array]:
+    """Distinct corners of the voxels (N_l, 3) of all levels on the finest lattice, and the coarsest level of each."""
+    placed = NOTHING
+    for level, cell in enumerate(voxels):
+        placed = placed.plus(corner_keys(grid, level, keys(cell)))
+    return placed.corners()
 
 
 def tree_of(levels: Sequence[Array], finest: float = 1.0, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> Octree:

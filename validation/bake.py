@@ -5,25 +5,25 @@ from __future__ import annotations
 import statistics
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..fastpath.device import OpenDevice
 from ..fastpath.layout import Storage
 from ..fastpath.sampler import Sampler
 from ..reference import pipeline
-from ..reference.datatypes import F32, F64, Samples, Scene, VirtualTexture
+from ..reference.datatypes import F32, Samples, Scene, VirtualTexture
 from ..reference.lattice import Octree
 from ..reference.progress import Progress
 from ..reference.truth.points import Points
+from .culling.cost import culled_cost
 
 STORAGE: Storage = "half16"
 REPEATS = 5
+lifted = pipeline.lifted
 
 
 @dataclass(frozen=True, eq=False)
 class Baked:
     """A scene through bake and update, and its texture on the device. coefficients (R, 4, 3) f32: radiance SH of the real probes.
-    cost: counts, bytes and milliseconds by name."""
+    cost: counts, bytes and milliseconds by name. uncut: the texture as it would be with no probe culled, None where none is."""
 
     scene: Scene
     surfaces: pipeline.Surfaces
@@ -33,6 +33,7 @@ class Baked:
     texture: VirtualTexture
     sampler: Sampler
     cost: dict[str, float]
+    uncut: VirtualTexture | None = None
 
 
 def bake(
@@ -45,7 +46,12 @@ def bake(
 ) -> Baked:
     """Probes and texture over surfaces that are baked and lit; the update is timed warm, median of REPEATS."""
     surfaces, light = lit
-    probes = pipeline.bake_probes(scene, surfaces, octree, seed, progress)
+    traced = pipeline.trace_probes(scene, surfaces, octree, seed, progress)
+    probes = pipeline.cull_probes(scene, surfaces, traced, seed, progress)
+    uncut = None
+    if probes.culled is not None and probes.culled.probes:
+        uncut = pipeline.virtual_texture(traced, pipeline.update(scene, surfaces, traced, light).texels)
+    del traced  # what was culled is freed
     first = pipeline.update(scene, surfaces, probes, light)  # compiles the kernel
     updates = [pipeline.update(scene, surfaces, probes, light) for _ in range(REPEATS)]
     texture = pipeline.virtual_texture(probes, first.texels)
@@ -64,16 +70,9 @@ def bake(
         "probe_gather_ms": 1e3 * statistics.median(u.seconds["probes"] for u in updates),
         "probe_update_ms": 1e3 * statistics.median(sum(u.seconds.values()) for u in updates),
     }
-    return Baked(scene, surfaces, probes, light, first.coefficients, texture, sampler, cost)
-
-
-def lifted(scene: Scene, texture: VirtualTexture, points: Points, voxels: float | None = None) -> F64:
-    """Where a receiver is sampled, (N, 3) m: off its surface along the normal by as many finest voxels as the scene asks for, or by
-    `voxels` of them; free points stay."""
-    asked = scene.settings.sampling.normal_offset if voxels is None else voxels
-    offset = asked * (texture.offset_voxel or texture.finest)
-    on_surface = points.mesh >= 0
-    return np.asarray(points.positions + np.where(on_surface[:, None], offset, 0.0) * points.normals)
+    if probes.culled is not None:
+        cost |= culled_cost(probes.culled, probes.layout.virtual_probes)
+    return Baked(scene, surfaces, probes, light, first.coefficients, texture, sampler, cost, uncut)
 
 
 def sample_points(baked: Baked, points: Points) -> Samples:

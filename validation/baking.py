@@ -13,6 +13,7 @@ from ..reference.datatypes import Scene
 from ..reference.errors import InputError
 from ..reference.transport.solver_types import device_system
 from ..reference.transport.spectral import bounce_count, estimate_spectrum, refuse_slow
+from ..reference.visibility import build_geometry
 from .bake_store import CUBEMAP, LUMELS, PATCHES, PROBES, Bake, save
 from .progress_bar import ProgressBar
 
@@ -20,6 +21,7 @@ from .progress_bar import ProgressBar
 def bake_scene(scene: Scene, out: Path, seed: int, quiet: bool) -> dict[str, Any]:
     """Bake `scene` into the file `out`; returns what `bake --json` prints. Nothing is written before all is done."""
     with ProgressBar(scene.name, quiet) as progress:
+        pipeline.check_placement(scene, build_geometry(scene))
         surfaces = pipeline.bake_surfaces(scene, seed, progress)
         probes = pipeline.bake_probes(scene, surfaces, pipeline.place(scene, surfaces, seed), seed, progress)
         others = pipeline.bake_receivers(scene, surfaces, seed, progress)

@@ -27,6 +27,7 @@ from ..reference.transport.form_factors import probe_form_factors
 from ..reference.transport.gather import gather, upload
 from ..reference.truth.points import Points
 from ..reference.variant import ensure_variant
+from ..reference.visibility import build_geometry
 from . import cache
 from .bake import REPEATS, Baked, bake, sample_points
 from .ground_truth import GroundTruth, ground_truth
@@ -83,6 +84,7 @@ def chart(scene: Scene, device: OpenDevice, seed: int, progress: ProgressBar) ->
     if kept is not None:
         value: dict[str, Any] = cache.unpack_json(kept["chart"])
         return value
+    pipeline.check_placement(scene, build_geometry(scene))
     truth = ground_truth(scene, seed, progress)
     points, estimate = _points(scene, truth)
     surfaces = pipeline.bake_surfaces(scene, seed, progress)
@@ -131,7 +133,8 @@ def settings(scene: Scene, surfaces: pipeline.Surfaces, seed: int) -> Iterator[S
     lower, upper = pipeline.probe_bounds(scene, surfaces.geometry)
     for nodes in UNIFORM:
         octree = pipeline.place_uniform(scene, surfaces, uniform_voxel(float((upper - lower).max()), nodes))
-        yield Setting("uniform", f"{nodes}³ grid, {octree.grid.finest:.3g} m", scene, octree)
+        plain = with_placement(scene, cull_error=None)
+        yield Setting("uniform", f"{nodes}³ grid, {octree.grid.finest:.3g} m", plain, octree)
 
 
 def uniform_voxel(extent: float, nodes: int) -> float:

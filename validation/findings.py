@@ -22,6 +22,7 @@ from ..reference.truth.points import PointSet
 from ..reference.volume.sampler import sample
 from ..reference.volume.tiles import stored
 from .bake import STORAGE, Baked, lifted
+from .culling.realised import culled_metrics
 from .ground_truth import GroundTruth
 from .leaks.measured import leak_metrics
 from .metrics.error import Measured, measure_error, worst_points
@@ -55,9 +56,12 @@ def find(
     notes += _doubts(baked.scene, truth)
     _camera_errors(metrics, baked, truth, sampled)
     _patch_errors(metrics, baked, truth, seed)
-    _seams(metrics, baked, truth, seed)
+    _seams(metrics, notes, baked, truth, seed)
     _twins(metrics, baked, device, truth, sampled)
     _expectations(metrics, notes, baked, truth, sampled)
+    raised, said = culled_metrics(baked, truth, sampled)
+    _add(metrics, raised)
+    notes += said
     return Findings(metrics, notes)
 
 
@@ -147,11 +151,14 @@ def _ratio(a: Measured, b: Measured) -> Measured:
     return Measured(value, value * float(np.hypot(a.se / a.value, b.se / b.value)), a.n)
 
 
-def _seams(metrics: dict[str, Any], baked: Baked, truth: GroundTruth, seed: int) -> None:
+def _seams(metrics: dict[str, Any], notes: list[str], baked: Baked, truth: GroundTruth, seed: int) -> None:
     """Border jumps near surfaces and everywhere else, in each storage format."""
     texture = baked.texture
     near = [(lifted(baked.scene, texture, p) - texture.origin) / texture.finest for p in truth.points.values()]
     points = seam_points(texture, np.concatenate(near) if near else None, seed)
+    if not len(points.q):
+        notes.append("no seam metrics: the octree is one voxel, which has no border within the scene")
+        return
     for storage, suffix in SEAM_FORMATS.items():
         found = measure_seams(dataclasses.replace(texture, texels=stored(texture.texels, storage)), points, suffix)
         _add(metrics, {k: v for k, v in found.items() if storage == "float32" or k.startswith("seam_sup")})

@@ -25,6 +25,9 @@ from . import cache
 
 # Only the camera's points get the noise asked for; the other sets are half as many and carry this much more.
 OTHER_SETS_NOISE = 2.0
+# Light without what engine lights emit is a difference, and leaves rounding where it is dark: under this share of the scene's mean
+# irradiance it is 0.
+DUST = 1e-9
 # What the numbers come from: editing placement or volume traces no path again.
 TRUTH_CODE = ("reference/*", "reference/scene", "reference/truth", "reference/transport")
 
@@ -58,9 +61,16 @@ def ground_truth(scene: Scene, seed: int, progress: Progress) -> GroundTruth:
         kept = _trace(scene, g, points, views, depth, seed, progress)
         kept["seconds"] = np.array(time.perf_counter() - begin)
         cache.store("truth", name, kept)
+    kept = _without_dust(kept)
     estimates = {s: _estimate(kept, s, depth) for s in points}
     pictures = {v: _estimate(kept, f"picture.{v}", depth) for v in views}
     return GroundTruth(points, estimates, views, pictures, depth, float(kept["seconds"]), g)
+
+
+def _without_dust(kept: cache.Arrays) -> cache.Arrays:
+    light = {name: a for name, a in kept.items() if name.endswith((".irradiance", ".l1"))}
+    least = DUST * max((float(np.abs(a).mean()) for a in light.values() if a.size), default=0.0)
+    return {**kept, **{name: np.where(np.abs(a) < least, np.float32(0.0), a) for name, a in light.items()}}
 
 
 def truth_hash(scene: Scene) -> str:

@@ -11,6 +11,7 @@ from ..reference import pipeline
 from ..reference.clock import Clock
 from ..reference.datatypes import Scene
 from ..reference.progress import Progress
+from ..reference.visibility import build_geometry
 from . import findings
 from .bake import REPEATS, Baked, bake, lifted, sample_points
 from .efficiency.of_run import efficiency
@@ -26,6 +27,7 @@ def measure_scene(
 ) -> tuple[dict[str, Any], list[SceneView]]:
     """The record of a scene (results.json, one of "scenes") and its pictures."""
     clock = Clock()
+    pipeline.check_placement(scene, build_geometry(scene))
     truth = ground_truth(scene, seed, progress)
     clock.lap("truth")
     surfaces = pipeline.bake_surfaces(scene, seed, progress)
@@ -92,7 +94,7 @@ def _costs(baked: Baked, truth: GroundTruth, seconds: dict[str, float]) -> dict[
 
 def _levels(baked: Baked) -> list[dict[str, Any]]:
     """Counts by level of the octree."""
-    octree, layout = baked.probes.octree, baked.probes.layout
+    octree, layout, culled = baked.probes.octree, baked.probes.layout, baked.probes.culled
     rows = []
     for level, voxels in enumerate(octree.voxels):
         mine = octree.corner_level == level
@@ -104,6 +106,7 @@ def _levels(baked: Baked) -> list[dict[str, Any]]:
                 "real": int(mine.sum()),
                 "invalid": int((mine & ~baked.probes.valid).sum()),
                 "virtual": int(layout.virtual_by_level[level - 1]) if level else 0,
+                "culled": int(culled.by_level[level]) if culled is not None else 0,
                 "tiles": len(layout.parents[level - 1]) if level else 0,
             }
         )

@@ -187,7 +187,10 @@ def lod_errors(baked: Baked, truth: GroundTruth) -> dict[str, Measured]:
     points = truth.points["camera"]
     assert points.camera is not None
     eyes = np.array([c.origin for c in cameras], dtype=np.float64)[points.camera]
-    lod = lod_of_distance(np.linalg.norm(points.positions - eyes, axis=1), d0, baked.texture.level)
+    # The levels are those of placement.min_voxel: what a bitmap file asks for beyond them belongs to the finest.
+    wanted = baked.probes.octree.grid.wanted_level
+    lod = lod_of_distance(np.linalg.norm(points.positions - eyes, axis=1), d0, wanted)
+    lod = np.where(lod == wanted, baked.texture.level, lod).astype(np.int32)
     found = baked.sampler(lifted(baked.scene, baked.texture, points), points.normals, lod)
     error = measure_rel_rmse(found.irradiance.astype(np.float64), truth.estimates["camera"].irradiance)
     share, n = float((lod < baked.texture.level).mean()), len(lod)

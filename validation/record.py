@@ -47,13 +47,14 @@ class Metric(Open):
 
 
 class LevelCount(Open):
-    """Probes of one octree level (0 the coarsest). voxel_m: voxel size, m."""
+    """Probes of one octree level (0 the coarsest). voxel_m: voxel size, m. culled: of the virtual ones, those that were real."""
 
     level: Count
     voxel_m: NonNegative | None = None
     voxels: Count = 0
     real: Count = 0
     virtual: Count = 0
+    culled: Count = 0
     invalid: Count = 0
     tiles: Count = 0
 

@@ -11,6 +11,7 @@ from ..clock import Clock
 from ..datatypes import F32, F64, I32, I64, Bool, Indirection, Scene, VirtualTexture
 from ..errors import InputError
 from ..lattice import SHIFT, Grid, Octree, deepened, distinct, make_grid
+from ..placement.addressable import refuse_unaddressable
 from ..placement.dead_edges import light_from
 from ..placement.octree import build_octree, uniform_octree
 from ..placement.touching import leading_level, touched_voxels
@@ -23,6 +24,7 @@ from ..transport.form_factors import FormFactors, form_factors
 from ..transport.gather import DeviceRows, gather, upload
 from ..transport.radiosity import Radiosity
 from ..transport.receivers import probe_receivers
+from ..truth.points import Points
 from ..turned import turned_boxes
 from ..visibility import Geometry
 from ..volume.indirection import build_indirection
@@ -35,9 +37,9 @@ LEAST_PROBE_RAYS = 128  # for their validity and direction, which the mean light
 
 @dataclass(frozen=True, eq=False)
 class Culled:
-    """What culling took away. probes: how many; able: that had eight valid parents; by_level (L + 1,) i64. norm: its name; threshold: most
-    damage that one probe was predicted to do. odds_over, raise_lightings, raise_expected: see `placement.judge.Verdict`, at points of
-    culling's own. bytes: of rows that were freed."""
+    """What culling took away. probes: how many; able: that had eight valid parents; by_level (L + 1,) i64. norm: its name;
+    threshold: most damage that one probe was predicted to do. odds_over, raise_lightings, raise_expected: see
+    `placement.judge.Verdict`, at points of culling's own. bytes: of rows that were freed."""
 
     probes: int
     able: int
@@ -84,22 +86,35 @@ def place(scene: Scene, surfaces: Surfaces, seed: int, shift: F64 | float = SHIF
     The lattice is that of placement.min_voxel. A layer of the bitmap file with smaller cells makes it deeper, for that layer
     alone: what asks for no size of its own, and the sample offset, still go by placement.min_voxel.
     """
-    s = scene.settings.placement
+    s, g = scene.settings.placement, surfaces.geometry
+    grid = _lattice(scene, g, shift)
+    marks = bitmap(scene, grid)
+    margin = scene.settings.sampling.normal_offset * grid.wanted
+    finest = grid.level if s.touching else leading_level(scene, grid)
+    touched = touched_voxels(scene, grid, marks.occupied, margin, finest)
+    given = [distinct(np.concatenate(keys)) for keys in zip(*filter(None, (touched, marks.placed)), strict=True)]
+    return build_octree(g, grid, marks, s, seed, given)
+
+
+def check_placement(scene: Scene, g: Geometry) -> None:
+    """What `place` can refuse without tracing a ray, to be said before anything else is traced.
+
+    Raises InputError if nothing wants probes, or more than the virtual texture can address.
+    """
+    grid = _lattice(scene, g, SHIFT)
+    refuse_unaddressable(grid, bitmap(scene, grid).occupied, scene.settings.placement.subdivision == "plain")
+
+
+def _lattice(scene: Scene, g: Geometry, shift: F64 | float) -> Grid:
     marking = scene.settings.volumes or scene.marks or scene.bitmap
     if not marking and not any(m.lit_by_probes for m in scene.meshes):
         raise InputError(
             f"scene '{scene.name}': no probe placed: no mesh has lit_by = \"probes\" and there is no volume, mark or bitmap file; "
             "add one of them"
         )
-    grid = make_grid(*probe_bounds(scene, surfaces.geometry), s.min_voxel, shift)
-    sizes = [layer.size for layer in scene.bitmap if layer.mode != "remove"]
-    grid = deepened(grid, min(sizes, default=grid.finest))
-    marks = bitmap(scene, grid)
-    margin = scene.settings.sampling.normal_offset * grid.wanted
-    finest = grid.level if s.touching else leading_level(scene, grid)
-    touched = touched_voxels(scene, grid, marks.occupied, margin, finest)
-    given = [distinct(np.concatenate(keys)) for keys in zip(*filter(None, (touched, marks.placed)), strict=True)]
-    return build_octree(surfaces.geometry, grid, marks, s, seed, given)
+    grid = make_grid(*probe_bounds(scene, g), scene.settings.placement.min_voxel, shift)
+    sizes = [layer.size for layer in scene.bitmap if layer.mode != "remove" and len(layer.cells)]
+    return deepened(grid, min(sizes, default=grid.finest))
 
 
 def bitmap(scene: Scene, grid: Grid) -> VoxelBitmap:
@@ -120,8 +135,8 @@ def probe_bounds(scene: Scene, g: Geometry) -> tuple[F64, F64]:
     return np.min(lower, axis=0), np.max(upper, axis=0)
 
 
-def bake_probes(scene: Scene, surfaces: Surfaces, octree: Octree, seed: int, progress: Progress = silent) -> Probes:
-    """Form factors and validity of all real probes, and the virtual texture's layout.
+def trace_probes(scene: Scene, surfaces: Surfaces, octree: Octree, seed: int, progress: Progress = silent) -> Probes:
+    """Form factors and validity of all real probes, and the virtual texture's layout; none is culled yet.
 
     Raises InputError if every probe is invalid: the volume would be black.
     """
@@ -186,3 +201,12 @@ def virtual_texture(probes: Probes, texels: F32) -> VirtualTexture:
         texels,
         grid.wanted if grid.extra else None,
     )
+
+
+def lifted(scene: Scene, texture: VirtualTexture, points: Points, voxels: float | None = None) -> F64:
+    """Where a receiver is sampled, (N, 3) m: off its surface along the normal by as many finest voxels as the scene asks for, or by
+    `voxels` of them; free points stay."""
+    asked = scene.settings.sampling.normal_offset if voxels is None else voxels
+    offset = asked * (texture.offset_voxel or texture.finest)
+    on_surface = points.mesh >= 0
+    return np.asarray(points.positions + np.where(on_surface[:, None], offset, 0.0) * points.normals)

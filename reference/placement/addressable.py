@@ -45,6 +45,11 @@ def _refuse(grid: Grid, by_level: Sequence[int], most: int, what: str) -> None:
     if totals[-1] <= most:
         return
     level, fitting = [(level, total) for level, total in enumerate(totals, start=1) if total <= most][-1]
+    if grid.extra and level < grid.level:
+        raise InputError(
+            f"placement: the bitmap file's smallest cells make voxels of {grid.finest:g} m, which may need {totals[-1]} {what}; "
+            f"the virtual texture addresses {most}: cells of {grid.size(level):g} m or more bring that to about {fitting}"
+        )
     raise InputError(
         f"placement: voxels of {grid.finest:g} m may need {totals[-1]} {what}, the virtual texture addresses {most}; "
         f"placement.min_voxel = {grid.size(level):g}, and no probe_size under it, brings that to about {fitting}"

@@ -2,7 +2,7 @@
 
 "add": a cell marks every voxel of the level nearest to its size that it overlaps, so exactly one where the lattices agree.
 "place": the same, and these voxels are placed even where no surface is near.
-"remove": a marked voxel of that level or finer that the layer's cells cover wholly is unmarked; coarser marks stay. On a
+"remove": a marked or placed voxel of that level or finer that the layer's cells cover wholly is so no more; coarser marks stay. On a
 lattice that is not deep enough for them, small cells mark voxels of the finest size, and remove nothing.
 """
 
@@ -32,7 +32,7 @@ def apply_layers(marked: Marked, layers: Sequence[BitmapLayer], name: str) -> No
             fine.append((f"layers[{i}]", layer.size))
         found = cell_voxels(layer, grid, level, where)
         if len(found) == 0:
-            marked.notes.append(f"{where}: {missed(grid)}")
+            marked.notes.append(f"{where}: {missed(grid) if len(layer.cells) else 'has no cells'}")
         elif layer.mode in ("add", "place"):
             marked.add(level, found, where)
             if layer.mode == "place":
@@ -63,6 +63,9 @@ def _remove(marked: Marked, layer: BitmapLayer, level: int) -> None:
     for depth in range(level, marked.grid.level + 1):
         key = marked.levels[depth]
         marked.levels[depth] = key[~covered(layer, marked.grid, depth, key)]
+        placed = marked.placed.get(depth)
+        if placed is not None:
+            marked.placed[depth] = placed[~covered(layer, marked.grid, depth, placed)]
 
 
 def covered(layer: BitmapLayer, grid: Grid, level: int, key: I64) -> Bool:

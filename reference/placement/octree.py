@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..config_placement import PlacementSettings
-from ..datatypes import I32, I64, Bool
+from ..datatypes import I64, Bool
 from ..errors import InputError
 from ..lattice import (
     OCTANTS,
@@ -126,11 +126,3 @@ def _holding_finer(bitmap: VoxelBitmap, level: int) -> I64:
 def _common(a: I64, b: I64) -> I64:
     """Keys in both of two sorted, distinct sets."""
     return a[index_of(b, a) >= 0]
-
-
-def _corners(grid: Grid, voxels: Sequence[I64]) -> tuple[I64, I32]:
-    """Distinct corners of the voxels (N_l, 3) of all levels on the finest lattice, and the coarsest level of each."""
-    placed = NOTHING
-    for level, cell in enumerate(voxels):
-        placed = placed.plus(corner_keys(grid, level, keys(cell)))
-    return placed.corners()

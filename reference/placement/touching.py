@@ -16,7 +16,7 @@ from .tri_box import CubeTest
 
 # Voxels of this many levels above the coarsest size that any mesh asks for, and coarser ones, only lead down to those: they are
 # subdivided wherever a surface touches them. Their corners may all stand outside the scene, and see it from too far.
-LEADING_LEVELS = 2
+LEADING_LEVELS = 3
 
 
 def leading_level(scene: Scene, grid: Grid) -> int:

@@ -136,3 +136,12 @@ def test_too_many_voxels_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         InputError, match=r"placement\.bitmap f: layers\[0\]: asks for \d+ voxels of 0.3 m, at most 100"
     ):
         apply_layers(Marked.none(GRID), [BitmapLayer(GRID.origin, 0.3, every(4))], "f")
+
+
+def test_what_is_removed_is_placed_no_more() -> None:
+    cell = np.array([[2, 2, 2]])
+    place, remove = BitmapLayer(GRID.origin, 0.3, cell, "place"), BitmapLayer(GRID.origin, 0.3, cell, "remove")
+    for layers, expected in (([place], 1), ([place, remove], 0), ([remove, place], 1)):
+        marked = Marked.none(GRID)
+        apply_layers(marked, layers, "f.json")
+        assert sum(map(len, marked.placed.values())) == expected

@@ -16,6 +16,8 @@ import pytest
 from lightgauge.reference.bitmap_file import write_bitmap
 from lightgauge.reference.datatypes import BitmapLayer
 from lightgauge.reference.errors import InputError
+from lightgauge.reference.placement import addressable
+from lightgauge.validation import measure
 from lightgauge.validation import run as run_module
 from lightgauge.validation.run import run_scenes
 from small_scenes import box
@@ -242,3 +244,29 @@ def test_nothing_to_place_probes_for(run: Runner, tmp_path: Path) -> None:
     lightmap = {name: {"lit_by": "lightmap"} for name in ("walls", "lamp")}
     with pytest.raises(InputError, match="no probe placed: no mesh"):
         run(scene, "a", meshes=lightmap)
+
+
+def test_what_cannot_be_addressed_is_said_before_a_ray_is_traced(
+    run: Runner, room: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def tracing(*_: object) -> None:
+        raise AssertionError("traced")
+
+    monkeypatch.setattr(addressable, "MAX_INDIRECTION_TEXELS", 1000)
+    monkeypatch.setattr(measure, "ground_truth", tracing)
+    monkeypatch.setattr(measure.pipeline, "bake_surfaces", tracing)
+    with pytest.raises(InputError, match=r"the virtual texture addresses .*placement\.min_voxel = "):
+        run(room, "a", placement={"min_voxel": 0.03})
+
+
+def test_a_flat_scene_and_one_voxel_for_everything_are_measured(run: Runner, room: Path, tmp_path: Path) -> None:
+    """What cannot be measured there is absent, and a note says why."""
+    from small_scenes import quad
+
+    floor = quad([[0, 0, 0], [0, 0, 4], [4, 0, 4], [4, 0, 0]])
+    sky = '[lights.sky]\ntype = "sky"\nradiance = [1.0, 1.0, 1.0]\n'
+    flat = run(write_scene(tmp_path / "flat", {"floor": floor}, sky), "flat", placement={"min_voxel": 1.0})["scenes"][0]
+    assert flat["status"] == "ok" and flat["metrics"]["eta"]["value"] > 0.0
+    coarse = run(room, "coarse", placement={"min_voxel": 50.0})["scenes"][0]
+    assert coarse["status"] == "ok" and "seam_sup" not in coarse["metrics"]
+    assert any("no seam metrics" in note for note in coarse["notes"])

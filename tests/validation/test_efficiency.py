@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from lightgauge.reference import pipeline
@@ -101,4 +103,7 @@ def test_eta_loses_what_a_larger_error_would_save_a_grid() -> None:
     found = eta(curve, KEY, "probes", 5.0, Measured(0.2, 0.01, 100))
     assert found.value == pytest.approx(0.2**-3 / 5.0)
     assert found.se == pytest.approx((0.2**-3 - 0.21**-3) / 5.0)
+    noisy = [dataclasses.replace(row, se={KEY: 0.03}) for row in curve]
+    worse = 0.2 + np.hypot(0.01, 0.03)
+    assert eta(noisy, KEY, "probes", 5.0, Measured(0.2, 0.01, 100)).se == pytest.approx((0.2**-3 - worse**-3) / 5.0)
     assert found.bound == ""

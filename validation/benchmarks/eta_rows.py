@@ -24,7 +24,7 @@ from ..ground_truth import ground_truth
 from .places import bundled
 from .rows import Group, Row, Wanted
 
-SHIFTS = 4
+SHIFTS = 5
 STEP, MOST = 2.0**0.5, 9
 SEED = 0
 COSTS: Mapping[str, Cost] = {"": "probes", "_valid": "valid_probes", "_bytes": "bytes", "_update": "entries"}
@@ -72,7 +72,7 @@ def _row(name: str, curve: list[GridRow], ours: Reached, key: Key, cost: Cost) -
     found = eta(curve, key, cost, ours.cost[cost], ours.error[key])
     error = ours.error[key]
     note = (
-        f"{'at least; ' if found.bound == 'at least' else ''}{key[0]} points, {key[1]} error {error.value:.2%} ± {error.se:.2%}; "
+        f"{found.bound + '; ' if found.bound else ''}{key[0]} points, {key[1]} error {error.value:.2%} ± {error.se:.2%}; "
         f"{ours.cost['probes']:.0f} probes, {ours.cost['valid_probes']:.0f} valid; grids "
         + ", ".join(f"{r.voxel:.3g} m {r.cost['probes']:.0f} {r.error[key]:.2%}" for r in curve)
     )

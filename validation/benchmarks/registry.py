@@ -25,9 +25,9 @@ def transport() -> tuple[Group, ...]:
 
 def placement() -> tuple[Group, ...]:
     """Where probes stand: what placing costs, what it saves, and against whom."""
-    from . import eta_rows, leak_rows, place_rows, scheme_rows
+    from . import culling_rows, eta_rows, leak_rows, place_rows, scheme_rows
 
-    return (*eta_rows.GROUPS, *scheme_rows.GROUPS, *place_rows.GROUPS, *leak_rows.GROUPS)
+    return (*eta_rows.GROUPS, *scheme_rows.GROUPS, *place_rows.GROUPS, *leak_rows.GROUPS, *culling_rows.GROUPS)
 
 
 BENCHES: dict[str, Callable[[], tuple[Group, ...]]] = {"transport": transport, "placement": placement}

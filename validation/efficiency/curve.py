@@ -31,12 +31,12 @@ Key = tuple[str, Kind]
 class GridRow:
     """One size of voxel, m. cost: probes, valid ones, and form factors of the valid ones, bytes of both and of a plain 3D
     texture, means over shifts.
-    error: relative RMSE by judge and kind at the best offset; spread: its standard deviation over the shifts."""
+    error: relative RMSE by judge and kind at the best offset; se: its standard error, from the shifts."""
 
     voxel: float
     cost: Mapping[Cost, float]
     error: Mapping[Key, float]
-    spread: Mapping[Key, float]
+    se: Mapping[Key, float]
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,13 @@ def grid_row(
     mean = np.maximum(squares.mean(axis=0), 0.0)
     best = mean.argmin(axis=0)
     error: dict[Key, float] = {}
-    spread: dict[Key, float] = {}
+    se: dict[Key, float] = {}
     for i, j in enumerate(asked):
         for k, kind in enumerate(KINDS):
             error[j.name, kind] = float(np.sqrt(mean[best[i, k], i, k]))
-            spread[j.name, kind] = float(np.sqrt(np.maximum(squares[:, best[i, k], i, k], 0.0)).std())
-    return GridRow(voxel, _mean_cost(sizes), error, spread)
+            each = np.sqrt(np.maximum(squares[:, best[i, k], i, k], 0.0))
+            se[j.name, kind] = float(each.std(ddof=1) / np.sqrt(shifts)) if shifts > 1 else 0.0
+    return GridRow(voxel, _mean_cost(sizes), error, se)
 
 
 def _mean_cost(sizes: Sequence[GridSize]) -> dict[Cost, float]:
@@ -107,7 +108,9 @@ def bracketing_curve(
     """Rows from grids of about `like` probes to ever finer ones (voxels divided by `step`) until every error in `reached` is
     undercut; and to coarser ones until every error is exceeded. At most `most` rows."""
     lower, upper = pipeline.probe_bounds(scene, surfaces.geometry)
-    finer = coarser = float((np.prod(upper - lower) / like) ** (1.0 / 3.0))
+    extent = upper - lower
+    extent = np.maximum(extent, 1e-3 * extent.max())  # a flat scene still has a grid
+    finer = coarser = float((np.prod(extent) / like) ** (1.0 / 3.0))
 
     def row(voxel: float) -> GridRow:
         progress("uniform grids", len(rows), most)

@@ -7,6 +7,7 @@ measured, with the filling of tiles.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -36,7 +37,9 @@ def own_cost(cost: Mapping[str, float]) -> dict[Cost, float]:
 
 def eta(curve: Sequence[GridRow], key: Key, cost: Cost, own: float, reached: Measured) -> Eta:
     """η at the error `reached` for `own` cost. se: what it loses where the error is one standard error larger (near the floor
-    the curve is flat, and a smaller error would cost a grid without bound)."""
+    the curve is flat, and a smaller error would cost a grid without bound): that of the points, and that of the grid nearest in
+    error, whose shifts differ, in quadrature."""
     found = cost_at(curve, key, cost, reached.value)
-    worse = cost_at(curve, key, cost, reached.value + reached.se)
+    near = min(curve, key=lambda row: abs(row.error[key] - reached.value))
+    worse = cost_at(curve, key, cost, reached.value + math.hypot(reached.se, near.se[key]))
     return Eta(found.cost / own, (found.cost - worse.cost) / own, found.bound)

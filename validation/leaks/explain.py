@@ -147,5 +147,6 @@ def _edit(field: LightField, edit: Edit) -> dict[str, Any]:
         "lit_in_sight": edit.in_sight,
         "through_sheets": edit.sheets,
         "refused": edit.refused,
-        "stops": edit.stops,
+        "stops": edit.stops and not edit.in_sight,
+        "stops_walls": edit.stops,
     }

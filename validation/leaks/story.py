@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shlex
+import sys
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
@@ -64,7 +65,8 @@ def write_story(out: Path, name: str, found: Explained, command: str) -> dict[st
 def edited_command(given: Namespace, scene: str, out: Path, name: str) -> str:
     """The command line that runs scene `scene`, as it was typed, with the edit in `out` laid over it. given: the parsed
     arguments of the run that wrote the edit."""
-    words = ["lightgauge", "run", scene]
+    typed = Path(sys.argv[0])
+    words = [str(typed) if typed.name == "lightgauge" else "lightgauge", "run", scene]
     if given.config is not None:
         words += ["--config", str(given.config)]
     for assignment in given.assignments:

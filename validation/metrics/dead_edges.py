@@ -32,10 +32,12 @@ def fallback_share(texture: VirtualTexture, where: F64, samples: Samples) -> Mea
 
 
 def open_places(g: Geometry, corners: F64, edges: Edges, tolerance: float, seed: int) -> tuple[F64, I64]:
-    """Places (N, 3) m on `edges` where a probe would be valid, and the level (N,) of each. corners (R, 3) m: all probes."""
-    first, last = corners[edges.ends[:, 0]], corners[edges.ends[:, 1]]
-    places = (first[:, None] + ALONG[:, None] * (last - first)[:, None]).reshape(-1, 3)[:MOST_PLACES]
-    level = np.repeat(edges.level, len(ALONG))[:MOST_PLACES]
+    """Places (N, 3) m on `edges` where a probe would be valid, and the level (N,) of each. corners (R, 3) m: all probes. Of many
+    edges some, drawn at random."""
+    some = np.random.default_rng([seed, 43]).permutation(len(edges.level))[: MOST_PLACES // len(ALONG)]
+    first, last = corners[edges.ends[some, 0]], corners[edges.ends[some, 1]]
+    places = (first[:, None] + ALONG[:, None] * (last - first)[:, None]).reshape(-1, 3)
+    level = np.repeat(edges.level[some], len(ALONG))
     free = back_share(g, places, seed) <= tolerance
     return places[free], level[free]
 

@@ -142,7 +142,7 @@ def level_rows(scene: Mapping[str, Any], colours: Mapping[int, Colour]) -> list[
     for row in scene.get("counts_by_level", []):
         rgb = colours.get(row["level"])
         size = row.get("voxel_m")
-        counts = {key: f"{row.get(key, 0):,}" for key in ("voxels", "real", "virtual", "invalid", "tiles")}
+        counts = {key: f"{row.get(key, 0):,}" for key in ("voxels", "real", "virtual", "culled", "invalid", "tiles")}
         colour = "#{:02x}{:02x}{:02x}".format(*rgb) if rgb else ""
         rows.append({"level": row["level"], "size": f"{number(size)} m" if size else "", "colour": colour, **counts})
     return rows

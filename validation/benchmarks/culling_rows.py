@@ -1,0 +1,148 @@
+"""Culling by form factors: what goes, what it does to light that was never seen, and whether its prediction is worth anything.
+
+culled_share_SCENE         valid probes that the product itself culls at cull_error = 0.02, over all valid ones; 0 where the fresh
+                           raise is over 0.02
+culled_raise_SCENE         largest raise of the error under any of 40 fresh lightings at fresh points; median of five sets of 40
+culled_patches_over_SCENE  share of single patches, each as likely as the other, that alone would raise it by more than 0.02
+cull_s_house               seconds of the culling of house
+culled_rank_correlation    Spearman, predicted against realised by other rays; median over scenes × families of lightings
+culled_coverage, culled_overshoot   P(r ≤ p) and the 99th percentile of r/p, p as a share of the probe's own row; the same median
+culled_bound_holds         share of probes × lightings within ‖ΔF‖₁ B_max, on the bake's rows
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...reference import pipeline
+from ...reference.datatypes import Scene
+from ...reference.pipeline.culling import setting, training_points
+from ...reference.placement.norms import NORMS
+from ...reference.progress import Progress
+from ...reference.variant import ensure_variant
+from ..chart import with_placement
+from ..culling.fresh import PER_FAMILY, SETS, Fresh, fresh_raises
+from ..culling.honesty import Bound, Honest, bound, honesty
+from .places import bundled
+from .rows import Group, Row, Wanted, row_of
+
+TARGETS = {"cornell": 0.10, "house": 0.20, "valley": 0.25}
+CULL_ERROR = 0.02
+USED = "relative"  # the norm that the product culls by
+SEED, REPEATS = 0, 3
+OF_SCENES = tuple(
+    f"{row}_{name}" for name in TARGETS for row in ("culled_share", "culled_raise", "culled_patches_over")
+)
+OF_NORMS = ("culled_rank_correlation", "culled_coverage", "culled_overshoot", "culled_bound_holds")
+NAMES = (*OF_SCENES, "cull_s_house", *OF_NORMS)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A scene before and after culling."""
+
+    scene: Scene
+    surfaces: pipeline.Surfaces
+    before: pipeline.Probes
+    after: pipeline.Probes
+
+    @property
+    def share(self) -> float:
+        """Culled probes over valid ones."""
+        assert self.after.culled is not None
+        return self.after.culled.probes / int(self.before.valid.sum())
+
+
+def culled_case(name: str, seed: int = SEED) -> Case:
+    """A bundled scene with its own settings, but for cull_error."""
+    ensure_variant()
+    scene = with_placement(bundled(name), cull_error=CULL_ERROR)
+    surfaces = pipeline.bake_surfaces(scene, seed)
+    before = pipeline.trace_probes(scene, surfaces, pipeline.place(scene, surfaces, seed), seed)
+    return Case(scene, surfaces, before, pipeline.cull_probes(scene, surfaces, before, seed))
+
+
+def scene_rows(name: str, case: Case, fresh: Fresh) -> Iterator[Row]:
+    """Share, raise, and single patches of one scene."""
+    culled, worst = case.after.culled, fresh.worst
+    assert culled is not None
+    kept = worst <= CULL_ERROR
+    passed = float(np.median(worst)) <= CULL_ERROR
+    families = ", ".join(f"{family} {value:.2%}" for family, value in fresh.by_family().items())
+    note = (
+        f"{culled.probes} of {int(case.before.valid.sum())} valid probes, {culled.able} have eight valid parents; "
+        f"{culled.bytes >> 10} KiB freed of {case.before.rows.bytes >> 10}; {int(kept.sum())} of {SETS} sets of "
+        f"{4 * PER_FAMILY} lightings stay within {CULL_ERROR}"
+    )
+    yield row_of(f"culled_share_{name}", case.share if passed else 0.0, "share", "higher", TARGETS[name], note)
+    said = f"{fresh.points} points; largest of all {SETS} sets: {families}"
+    yield row_of(f"culled_raise_{name}", worst, "share", "lower", CULL_ERROR, said)
+    yield row_of(f"culled_patches_over_{name}", fresh.patches_over, "share", "lower", note=said)
+
+
+def seconds(case: Case) -> Iterator[Row]:
+    """How long the culling of a case takes, warm."""
+    taken = []
+    for _ in range(REPEATS):
+        begin = time.perf_counter()
+        pipeline.cull_probes(case.scene, case.surfaces, case.before, SEED)
+        taken.append(time.perf_counter() - begin)
+    yield row_of("cull_s_house", taken, "s", "lower", 3.0, f"{len(case.before.valid)} probes")
+
+
+def norm_rows(found: list[Honest], bounds: list[Bound]) -> Iterator[Row]:
+    """How well norms predict, over all scenes."""
+    mine = [h for h in found if h.norm == USED]
+    ranks = {name: [h.rank for h in found if h.norm == name] for name in NORMS}
+    every = "; ".join(f"{name} {np.median(r):.2f} ({min(r):.2f} to {max(r):.2f})" for name, r in ranks.items())
+    families = "; ".join(
+        f"{family} {np.median([h.rank for h in mine if h.family == family]):.2f}" for family in dict.fromkeys(h.family for h in mine)
+    )  # fmt: skip
+    note = f"median over scenes and families, worst and best of them: {every}; {USED} by family: {families}"
+    yield row_of("culled_rank_correlation", [h.rank for h in mine], "rank", "higher", 0.5, note)
+    yield row_of("culled_coverage", [h.coverage for h in mine], "share", "higher", note=_each(mine, "coverage"))
+    yield row_of("culled_overshoot", [h.overshoot for h in mine], "ratio", "lower", note=_each(mine, "overshoot"))
+    lightings = min(b.lightings for b in bounds)
+    closest = max(b.closest for b in bounds)
+    said = f"{lightings} lightings a scene or more; the nearest comes to {closest:.2f} of the bound"
+    yield row_of("culled_bound_holds", min(b.held for b in bounds), "share", "higher", 1.0, said)
+
+
+def _each(found: list[Honest], what: str) -> str:
+    families = dict.fromkeys(h.family for h in found)
+    return "; ".join(f"{f} {np.median([getattr(h, what) for h in found if h.family == f]):.3g}" for f in families)
+
+
+def culling(wanted: Wanted, progress: Progress) -> Iterator[Row]:
+    """The rows asked for; scenes none of them needs are not baked."""
+    norms = wanted & set(OF_NORMS)
+    found: list[Honest] = []
+    bounds: list[Bound] = []
+    for number, name in enumerate(TARGETS):
+        progress("culling", number, len(TARGETS))
+        of_scene = wanted & {row for row in OF_SCENES if row.endswith(name)}
+        timed = name == "house" and "cull_s_house" in wanted
+        if not (norms or of_scene or timed):
+            continue
+        case = culled_case(name)
+        if of_scene:
+            fresh = fresh_raises(case.scene, case.surfaces, case.before, case.after, CULL_ERROR, SEED)
+            yield from scene_rows(name, case, fresh)
+        if timed:
+            yield from seconds(case)
+        if norms:
+            points = training_points(case.scene, case.surfaces, SEED)
+            assert points is not None
+            judged = setting(case.scene, case.surfaces, case.before, points, SEED)
+            found += honesty(judged, SEED)
+            bounds.append(bound(judged, SEED))
+    progress("culling", len(TARGETS), len(TARGETS))
+    if norms:
+        yield from norm_rows(found, bounds)
+
+
+GROUPS = (Group(NAMES, culling),)
