@@ -18,7 +18,7 @@ from .curve import Cost, GridRow, Key, bracketing_curve
 from .eta import eta, own_cost
 from .judged import Judge, judges
 
-STEP, MOST, SHIFTS = 2.0, 4, 3
+STEP, MOST, SHIFTS = 2.0, 4, 2
 # Suffix of a metric → what is counted. The error is the placement-only one; `eta` itself is at equal relRMSE.
 COSTS: Mapping[str, Cost] = {
     "_placement": "probes",
