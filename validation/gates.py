@@ -17,7 +17,8 @@ from pydantic import BaseModel, ConfigDict, RootModel, ValidationError, model_va
 
 from ..reference.errors import InputError
 from .options import read_toml
-from .record import Metric, Results, SceneResult, load_results
+from .record import load_results
+from .record_models import Metric, Results, SceneResult
 
 SIGMAS = 2.0
 Verdict = Literal["pass", "fail"]

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lightgauge.validation.record import JsonObject, metric
+from lightgauge.validation.record import metric
+from lightgauge.validation.record_models import JsonObject
 from lightgauge.validation.report.pictures import CameraPictures, CameraPose, ProbeDots, SceneView
 
 POSE = CameraPose((2.0, 2.2, 8.5), (2.0, 1.6, 0.0), (0.0, 1.0, 0.0), 42.0, 256, 192)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lightgauge.validation.record import JsonObject
+from lightgauge.validation.record_models import JsonObject
 from lightgauge.validation.report.page import write_report
 from lightgauge.validation.report.pictures import SceneView, error_colours, exposure, relative_error, tonemap
 

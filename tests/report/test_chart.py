@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from lightgauge.validation.record import JsonObject
+from lightgauge.validation.record_models import JsonObject
 from lightgauge.validation.report.chart import draw_chart, pareto_front
 from lightgauge.validation.report.svg import LogScale, padded, ticks
 

@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Callable
 
 import numpy as np
-from lightgauge.validation.record import JsonObject
+from lightgauge.validation.record_models import JsonObject
 from lightgauge.validation.report.embed import HALF_MAX, broken_pixels, fallback, halves, pixels
 from lightgauge.validation.report.pictures import WHITE_AT, SceneView, exposure
 

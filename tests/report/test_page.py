@@ -13,7 +13,8 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-from lightgauge.validation.record import JsonObject, load_results, metric
+from lightgauge.validation.record import load_results, metric
+from lightgauge.validation.record_models import JsonObject
 from lightgauge.validation.report.page import exr_names, write_report
 from lightgauge.validation.report.pictures import SceneView
 from lightgauge.validation.report.sections import shortened

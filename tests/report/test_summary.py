@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from lightgauge.validation.record import JsonObject
+from lightgauge.validation.record_models import JsonObject
 from lightgauge.validation.summary import interval, number, results_table, where
 
 Make = Callable[..., JsonObject]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from lightgauge.validation.record import JsonObject, metric
+from lightgauge.validation.record import metric
+from lightgauge.validation.record_models import JsonObject
 from lightgauge.validation.report.verdict import badness, headline, warnings
 
 Make = Callable[..., JsonObject]

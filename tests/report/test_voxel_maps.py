@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from lightgauge.reference.lattice import Grid, Octree, keys
 from lightgauge.reference.placement.voxel_bitmap import VoxelBitmap
-from lightgauge.validation.record import JsonObject
+from lightgauge.validation.record_models import JsonObject
 from lightgauge.validation.report.bitmap_pictures import borders, draw_map, levels_of, map_colours, map_context
 from lightgauge.validation.report.page import write_report
 from lightgauge.validation.report.voxel_maps import finest_levels, outline, packed, section, voxel_maps

@@ -21,7 +21,7 @@ from lightgauge.validation.metrics.dead_edges import dead_jump, fallback_share
 from lightgauge.validation.metrics.error import measure_error
 from lightgauge.validation.placement_findings import placement_findings
 from lightgauge.validation.placement_sweeps import OFFSETS, TOLERANCES, lod_errors, sweep_tables
-from lightgauge.validation.record import SceneResult
+from lightgauge.validation.record_models import SceneResult
 from lightgauge.validation.report.sweep_tables import lod_rows, sweeps_context
 from small_scenes import box, scene
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from ...reference.datatypes import F64
 from ...reference.visibility import Geometry
+from ..plane_section import plane_section
 from .attribution import blamed
 from .edit import Edit
 from .field import LightField
@@ -74,19 +75,7 @@ def _cells(edit: Edit, across: int, down: int) -> F64:
 
 def section(g: Geometry, axis: int, at: float) -> F64:
     """Segments (N, 6) m in which the plane `axis` = `at` cuts the triangles."""
-    corners = g.vertices[g.faces]
-    above = corners[:, :, axis] > at
-    cut = corners[above.any(axis=1) & ~above.all(axis=1)]
-    offset = cut[:, :, axis] - at
-    single = np.where(offset > 0.0, 1, 0).sum(axis=1) == 1
-    alone = np.where(single, np.argmax(offset > 0.0, axis=1), np.argmin(offset > 0.0, axis=1))
-    rows = np.arange(len(cut))
-    ends = []
-    for step in (1, 2):
-        other = (alone + step) % 3
-        share = offset[rows, alone] / (offset[rows, alone] - offset[rows, other])
-        ends.append(cut[rows, alone] + share[:, None] * (cut[rows, other] - cut[rows, alone]))
-    return np.concatenate(ends, axis=1)
+    return plane_section(g.vertices[g.faces], axis, at).reshape(-1, 6)
 
 
 def clipped(segments: F64, low: F64, high: F64) -> F64:

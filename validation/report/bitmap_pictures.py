@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...reference.datatypes import I64, U8, Bool
-from ..record import JsonObject
+from ..record_models import JsonObject
 from .embed import data_uri
 from .overlay import Colour, level_colours
 from .pictures import png_bytes

@@ -12,7 +12,7 @@ import zlib
 import numpy as np
 
 from ...reference.datatypes import F32
-from ..record import JsonObject
+from ..record_models import JsonObject
 from .pictures import (
     ERROR_CLIP,
     ERROR_STOPS,

@@ -8,7 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ..record import JsonObject
+from ..record_models import JsonObject
 from .svg import tag, text
 from .words import number, percent
 

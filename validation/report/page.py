@@ -20,7 +20,8 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from ..record import SCHEMA_FILE, JsonObject, validate_results, write_bytes_atomic, write_json_atomic
+from ..record import SCHEMA_FILE, validate_results, write_bytes_atomic, write_json_atomic
+from ..record_models import JsonObject
 from .chart import METHODS, draw_chart, fronts
 from .exr import write_exr
 from .pictures import ERROR_STOPS, SceneView

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..record import JsonObject
+from ..record_models import JsonObject
 from .bitmap_pictures import map_colours, map_context
 from .embed import broken_pixels, data_uri, fallback, pixels
 from .leaks import leaks_context

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..record import JsonObject
+from ..record_models import JsonObject
 from .words import SUFFIXES, number, percent, written
 
 KNOBS = {

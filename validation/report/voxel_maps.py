@@ -17,7 +17,8 @@ from PIL import Image, ImageDraw
 from ...reference.datatypes import F64, I64, U8, Bool, Mesh, Scene
 from ...reference.lattice import Grid, Octree, cells
 from ...reference.placement.voxel_bitmap import VoxelBitmap
-from ..record import JsonObject
+from ..plane_section import plane_section
+from ..record_models import JsonObject
 
 # Axes to the right and down, and whether down is negative: from above x and z, from the side (+z looking along -z) x and -y.
 VIEWS: dict[str, tuple[int, int, bool]] = {"above": (0, 2, False), "side": (0, 1, True), "section": (0, 1, True)}
@@ -69,14 +70,7 @@ def sliced(grid: Grid, voxels: Sequence[I64], index: int) -> list[I64]:
 def section(meshes: Sequence[Mesh], at: float) -> F64:
     """Lines (E, 2, 3) m along which triangles cross the plane at `at`, m, on the axis CUT."""
     corners = np.concatenate([np.zeros((0, 3, 3)), *(m.vertices[m.faces] for m in meshes)])
-    beyond = corners[:, :, CUT] >= at
-    mixed = beyond.any(axis=1) & ~beyond.all(axis=1)
-    a, beyond = corners[mixed], beyond[mixed]
-    b = np.roll(a, -1, axis=1)
-    crosses = beyond != np.roll(beyond, -1, axis=1)  # two of the three edges
-    a, b = a[crosses], b[crosses]
-    share = (at - a[:, CUT]) / (b - a)[:, CUT]
-    return np.asarray((a + share[:, None] * (b - a)).reshape(-1, 2, 3)[:MAX_LINES])
+    return plane_section(corners, CUT, at)[:MAX_LINES]
 
 
 def finest_levels(grid: Grid, voxels: Sequence[I64], axes: tuple[int, int], coarse: int) -> U8:

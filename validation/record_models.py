@@ -1,0 +1,174 @@
+"""What `results.json` holds: one model a table. Reading, checking and writing it is record.py's."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+JsonObject = dict[str, Any]
+Count = Annotated[int, Field(ge=0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
+
+
+class Open(BaseModel):
+    """Base of the record's models: strict types, no NaN or infinity, further keys allowed (readers ignore them)."""
+
+    model_config = ConfigDict(strict=True, extra="allow", allow_inf_nan=False)
+
+
+class Metric(Open):
+    """One number. se: standard error, absent where none applies (a maximum). n: samples behind it."""
+
+    value: float
+    se: NonNegative | None = None
+    n: Count
+    unit: str = ""
+    below_noise: bool = False
+
+
+class LevelCount(Open):
+    """Probes of one octree level (0 the coarsest). voxel_m: voxel size, m. culled: of the virtual ones, those that were real."""
+
+    level: Count
+    voxel_m: NonNegative | None = None
+    voxels: Count = 0
+    real: Count = 0
+    virtual: Count = 0
+    culled: Count = 0
+    invalid: Count = 0
+    tiles: Count = 0
+
+
+class WorstPlace(Open):
+    """A point with large error. position: m. ours, truth: irradiance, W·m⁻². relative: signed."""
+
+    set: str
+    position: Triple
+    ours: Triple
+    truth: Triple
+    relative: float
+
+
+class VoxelMap(Open):
+    """The finest voxel in each column of a placement, from above (x to the right, z down) or the side (x, y up), or in the
+    section at z = at_m (x, y up). voxel_m, cells_by_level: a voxel's edge by level, m and cells. bitmap, octree: base64 of
+    zlib of height × width bytes, 1 + level or 0. outline: the same of bits, eight a byte, scale × scale of them a cell:
+    where the scene has edges."""
+
+    view: Literal["above", "side", "section"]
+    at_m: float | None = None
+    voxel_m: list[NonNegative]
+    cells_by_level: list[Count]
+    width: Count
+    height: Count
+    scale: Count
+    bitmap: str
+    octree: str
+    outline: str
+
+
+class SweepRow(Open):
+    """One value of one knob, all else as the scene has it; current: the scene's own value. set: points, or `camera NAME`. missed,
+    false_alarms: shares of places in the solid that this tolerance calls valid, and of free ones that it calls invalid."""
+
+    knob: Literal["normal_offset", "backface_tolerance", "copies"]
+    value: float
+    set: str
+    current: bool
+    relrmse: Metric
+    unlit_share: NonNegative = 0.0
+    invalid_share: NonNegative | None = None
+    fallback_share: NonNegative | None = None
+    missed: NonNegative | None = None
+    false_alarms: NonNegative | None = None
+
+
+class OffsetGain(Open):
+    """The best of the offsets swept, finest voxels, and how much lower its relRMSE is than that of no offset."""
+
+    set: str
+    best: NonNegative
+    gain: Metric | None = None
+
+
+class LodRow(Open):
+    """A level's complete set of probes, and the error where everything is sampled at that level."""
+
+    level: Count
+    voxel_m: NonNegative
+    probes: Count
+    set: str
+    relrmse: Metric | None = None
+    unlit_share: NonNegative = 0.0
+
+
+class GridError(Open):
+    """A uniform grid measured beside the placement: means over random shifts of its lattice at the best sample offset."""
+
+    voxel_m: NonNegative
+    probes: Count
+    valid_probes: Count
+    relrmse: NonNegative
+    placement_error: NonNegative
+
+
+class SceneResult(Open):
+    """What was found out about one scene; `error` says why where `status` is failed. leaks: walls, leaking places and the edit
+    that stops them (validation/leaks/explain.py)."""
+
+    name: str
+    status: Literal["ok", "failed"]
+    error: str = ""
+    metrics: dict[str, Metric] = {}
+    cost: dict[str, float | str | bool | None] = {}
+    counts_by_level: list[LevelCount] = []
+    maps: list[VoxelMap] = []
+    lods: list[LodRow] = []
+    sweeps: list[SweepRow] = []
+    offset_gains: list[OffsetGain] = []
+    grids: list[GridError] = []
+    worst: list[WorstPlace] = []
+    leaks: JsonObject = {}
+    verdicts: list[Any] = []
+    files: JsonObject = {}
+    notes: list[str] = []
+
+
+class ChartValue(Open):
+    """A charted error, relative, with its standard error where it has one."""
+
+    value: float
+    se: NonNegative | None = None
+    n: Count = 0
+
+
+class ChartRow(Open):
+    """One setting of one method. bytes: bake. pareto: on the front of this cost."""
+
+    method: str
+    setting: str
+    probes: Count
+    bytes: Count
+    update_ms: NonNegative
+    relrmse: ChartValue
+    pareto: dict[Literal["probes", "bytes", "update_ms"], bool] = {}
+
+
+class Chart(Open):
+    """Speed against accuracy for one scene. floor: error of exact SH at the point. noise: that of the reference."""
+
+    scene: str
+    rows: list[ChartRow]
+    floor: ChartValue | None = None
+    noise: ChartValue | None = None
+
+
+class Results(Open):
+    """`results.json`: what a verb that measures writes."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    provenance: JsonObject
+    scenes: list[SceneResult]
+    charts: list[Chart] = []
