@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from glob import glob
 from typing import Any, Literal
 
@@ -31,7 +31,8 @@ _LINK_FILES = {
 class DeviceInfo:
     """One OpenCL device.
 
-    index: position in `list_devices`. memory: bytes. image3d: largest width, height and depth, texels; 0 without.
+    index: position in `list_devices`. memory: bytes. image3d: largest width, height and depth, texels; 0 without. image3d_writes:
+    whether kernels may write them.
     """
 
     index: int
@@ -44,15 +45,17 @@ class DeviceInfo:
     memory: int
     image3d: tuple[int, int, int]
     half_arithmetic: bool
+    image3d_writes: bool
 
 
 @dataclass(frozen=True, eq=False)
 class OpenDevice:
-    """A device ready for work: pyopencl context and in-order queue with profiling."""
+    """A device ready for work: pyopencl context and in-order queue with profiling. programs: those built so far (see `programs`)."""
 
     info: DeviceInfo
     context: Any
     queue: Any
+    programs: dict[Any, Any] = field(default_factory=dict)
 
 
 def pyopencl_module() -> Any:
@@ -99,6 +102,7 @@ def _info(index: int, device: Any) -> DeviceInfo:
         memory=int(device.global_mem_size),
         image3d=size if device.image_support else (0, 0, 0),
         half_arithmetic="cl_khr_fp16" in str(device.extensions).split(),
+        image3d_writes="cl_khr_3d_image_writes" in str(device.extensions).split(),
     )
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from .config_base import Albedo, Colour, Frozen, NonNegative, Positive, Tag, Vec3, power_of_two
+from .config_base import Albedo, Colour, Frozen, NonNegative, Positive, Reconstruction, Tag, Vec3, power_of_two
 from .config_placement import BoxSettings, LimitSettings, MarkSettings, PlacementSettings, VolumeSettings
 
 BLACK: Colour = (0.0, 0.0, 0.0)
@@ -178,8 +178,11 @@ class RadiositySettings(Frozen):
 
 class SamplingSettings(Frozen):
     """`normal_offset`: sample this many finest voxels off the surface along its normal. `lod_distance`: the finest level of
-    detail serves up to this far from the viewer, m, the next one up to twice as far, and so on; without it everywhere."""
+    detail serves up to this far from the viewer, m, the next one up to twice as far, and so on; without it everywhere.
+    `reconstruction`: of irradiance from probes; "l2" bakes five more coefficients a colour (twice the bytes), the others change
+    sampling alone."""
 
+    reconstruction: Reconstruction = "linear"
     normal_offset: Annotated[float, Field(ge=0.0, le=4.0)] = 0.5
     lod_distance: Positive | None = None
 

@@ -13,6 +13,9 @@ NonNegative = Annotated[float, Field(ge=0.0)]
 Colour = tuple[NonNegative, NonNegative, NonNegative]
 Positive = Annotated[float, Field(gt=0.0)]
 Tag = Literal["engine", "input"]
+Reconstruction = Literal[
+    "linear", "clamped", "nonlinear", "zh3", "l2"
+]  # of irradiance from SH: reference/reconstruction.py
 
 
 def power_of_two(value: int) -> int:

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from .datatypes import I64
+from .datatypes import I64, MAX_OFFSET
 from .lattice import OCTANTS, Grid, cells, distinct, keys, parent_keys, parities, steps
 
 OFFSET_BITS = 8
-MAX_OFFSET = 1 << OFFSET_BITS
+assert MAX_OFFSET == 1 << OFFSET_BITS
 MAX_TILES = MAX_OFFSET**3
 # 512 MiB over all levels of detail; the finest alone may be 512³ texels less an eighth.
 MAX_INDIRECTION_TEXELS = 1 << 27

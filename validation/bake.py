@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 import statistics
 from dataclasses import dataclass
 
 from ..fastpath.device import OpenDevice
-from ..fastpath.layout import Storage
+from ..fastpath.layout import Layout
 from ..fastpath.sampler import Sampler
 from ..reference import pipeline
-from ..reference.datatypes import F32, Samples, Scene, VirtualTexture
+from ..reference.datatypes import F32, Samples, Scene, Storage, VirtualTexture
 from ..reference.lattice import Octree
 from ..reference.progress import Progress
 from ..reference.truth.points import Points
+from ..reference.volume.sampler import sample
+from ..reference.volume.tiles import stored
 from .culling.cost import culled_cost
+from .formats import sampling_format
 
-STORAGE: Storage = "half16"
 REPEATS = 5
 lifted = pipeline.lifted
 
@@ -23,7 +26,8 @@ lifted = pipeline.lifted
 @dataclass(frozen=True, eq=False)
 class Baked:
     """A scene through bake and update, and its texture on the device. coefficients (R, 4, 3) f32: radiance SH of the real probes.
-    cost: counts, bytes and milliseconds by name. uncut: the texture as it would be with no probe culled, None where none is."""
+    cost: counts, bytes and milliseconds by name. uncut: the texture as it would be with no probe culled, None where none is.
+    storage, layout: how the device holds it (see `formats`)."""
 
     scene: Scene
     surfaces: pipeline.Surfaces
@@ -34,6 +38,8 @@ class Baked:
     sampler: Sampler
     cost: dict[str, float]
     uncut: VirtualTexture | None = None
+    storage: Storage = "half"
+    layout: Layout = "packed"
 
 
 def bake(
@@ -55,7 +61,9 @@ def bake(
     first = pipeline.update(scene, surfaces, probes, light)  # compiles the kernel
     updates = [pipeline.update(scene, surfaces, probes, light) for _ in range(REPEATS)]
     texture = pipeline.virtual_texture(probes, first.texels)
-    sampler = Sampler(device, texture, STORAGE)
+    way = scene.settings.sampling.reconstruction
+    storage, layout = sampling_format(device.info, way)
+    sampler = Sampler(device, texture, storage, layout, way)
     valid = int(probes.valid.sum())
     cost = {
         "real_probes": len(probes.valid),
@@ -72,7 +80,15 @@ def bake(
     }
     if probes.culled is not None:
         cost |= culled_cost(probes.culled, probes.layout.virtual_probes)
-    return Baked(scene, surfaces, probes, light, first.coefficients, texture, sampler, cost, uncut)
+    return Baked(scene, surfaces, probes, light, first.coefficients, texture, sampler, cost, uncut, storage, layout)
+
+
+def plain_samples(baked: Baked, texture: VirtualTexture, points: Points, offset: float | None = None) -> Samples:
+    """Samples of any texture of a baked scene as the device stores it, by the kernel's plain twin: no kernel is built for one use. offset: finest
+    voxels off surfaces, the scene's if None."""
+    kept = dataclasses.replace(texture, texels=stored(texture.texels, baked.storage))
+    where = lifted(baked.scene, texture, points, offset)
+    return sample(kept, where, points.normals, reconstruction=baked.scene.settings.sampling.reconstruction)
 
 
 def sample_points(baked: Baked, points: Points) -> Samples:

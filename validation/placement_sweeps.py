@@ -17,9 +17,7 @@ from ..reference import pipeline
 from ..reference.datatypes import F64, I32, Bool, Samples, VirtualTexture
 from ..reference.truth.points import PointSet
 from ..reference.volume.levels import complete_sets, lod_of_distance
-from ..reference.volume.sampler import sample
-from ..reference.volume.tiles import stored
-from .bake import STORAGE, Baked, lifted
+from .bake import Baked, lifted, plain_samples
 from .ground_truth import GroundTruth
 from .metrics.dead_edges import fallback_share
 from .metrics.error import Measured, jackknife, measure_rel_rmse, rel_rmse
@@ -110,8 +108,7 @@ def _samples(baked: Baked, truth: GroundTruth, offset: float) -> dict[PointSet, 
 
 def _plain_samples(baked: Baked, truth: GroundTruth, texture: VirtualTexture) -> dict[PointSet, Samples]:
     """Samples of another texture as the device stores it, by the kernel's plain twin: no kernel is built for one use."""
-    kept = dataclasses.replace(texture, texels=stored(texture.texels, STORAGE))
-    return {n: sample(kept, lifted(baked.scene, texture, p), p.normals) for n, p in truth.points.items()}
+    return {n: plain_samples(baked, texture, p) for n, p in truth.points.items()}
 
 
 def _rows(

@@ -26,6 +26,7 @@ from ..reference.errors import InputError
 from ..reference.progress import silent
 from ..reference.scene.buried_lights import refuse_buried
 from ..reference.scene.lights_file import Lighting, load_lights
+from ..reference.sh import COEFFICIENTS_2, order_of
 from ..reference.sky import SKY_BINS, bin_radiance, split_peaks
 from ..reference.transport.direct import punctual_irradiance, punctual_lights
 from ..reference.transport.gather import upload
@@ -36,6 +37,7 @@ from .bake_store import LUMELS, PATCHES, PROBES, Bake, load
 from .record import write_bytes_atomic
 
 REPEATS = 5
+SECOND, LAST = f"{PROBES}, 2-2 … 21", f"{PROBES}, 22"  # coefficients of probes with SH of order 2
 
 
 class Relighter:
@@ -47,7 +49,11 @@ class Relighter:
         samples = bake.scene.settings.radiosity.shadow_rays
         self.direct = DirectLight(self._geometry, p, samples, bake.seed, upload(bake.rows[PATCHES]))
         columns = p.count + SKY_BINS + 1
-        on_device = {name: Rows(device, r.indptr, r.columns, r.values, columns) for name, r in bake.rows.items()}
+        on_device = {
+            part: Rows(device, r.indptr, r.columns, values, columns)
+            for name, r in bake.rows.items()
+            for part, values in _parts(name, r.values).items()
+        }
         self._patch_rows, self._device = on_device.pop(PATCHES), device
         self._receivers = on_device
         self._exitance = np.full((p.count, 3), np.nan, dtype=np.float32)
@@ -69,7 +75,10 @@ class Relighter:
         if scene.sky is not self._sky:
             self._sky, self._bins = scene.sky, self._sky_bins(scene.sky)
         self._frame.reset()
-        found = self._frame.frame(self._direct, *self._bins, int(self._bake.facts["bounces"]))
+        found = dict(self._frame.frame(self._direct, *self._bins, int(self._bake.facts["bounces"])))
+        rest = [found.pop(name) for name in (SECOND, LAST) if name in found]
+        if rest:
+            found[PROBES] = np.concatenate([found[PROBES], *rest], axis=1)
         return self._with_punctual_input(scene, found)
 
     @staticmethod
@@ -86,11 +95,20 @@ class Relighter:
         if not lights:
             return found
         b, g = self._bake, self._geometry
-        probes = found[PROBES] + pipeline.punctual_input(scene, g, b.probe_positions)
+        order = order_of(found[PROBES].shape[1])
+        probes = found[PROBES] + pipeline.punctual_input(scene, g, b.probe_positions, order)
         lumels = found[LUMELS].copy()
         for light in lights:
             lumels[:, 0] += punctual_irradiance(g, light, b.lumels.centres, b.lumels.normals).astype(np.float32)
         return {**found, PROBES: probes, LUMELS: lumels}
+
+
+def _parts(name: str, values: F32) -> dict[str, F32]:
+    """Rows' values (nnz, K) as the device takes them, by name: K = 1 or 4 at a time, so the nine of order 2 in three parts."""
+    if values.shape[1] != COEFFICIENTS_2:
+        return {name: values}
+    ends = {name: slice(0, 4), SECOND: slice(4, 8), LAST: slice(8, 9)}
+    return {part: np.ascontiguousarray(values[:, s]) for part, s in ends.items()}
 
 
 def relit_scene(bake: Bake, lighting: Lighting, source: str) -> Scene:

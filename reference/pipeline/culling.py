@@ -23,7 +23,7 @@ from ..placement.lightings import draw_lightings
 from ..placement.norms import NORMS, Norm
 from ..placement.parents import find_parents
 from ..progress import Progress, silent
-from ..sh import irradiance_weights
+from ..sh import COEFFICIENTS, irradiance_weights, order_of
 from ..sky import SKY_BINS
 from ..transport.form_factors import FormFactors, point_form_factors
 from ..transport.gather import upload
@@ -129,7 +129,7 @@ def _stage(
     lightings = draw_lightings(seen, PER_FAMILY, seed)[:, : 3 * PER_FAMILY]  # single patches are all judged, one by one
     return Stage(
         reading,
-        irradiance_weights(points.normals),
+        irradiance_weights(points.normals, order_of(probes.rows.values.shape[1])),
         stacked(probes.rows.values, probes.rows.indptr, probes.rows.columns, len(cluster)),
         (halves[0], halves[1]),
         lightings,
@@ -139,8 +139,12 @@ def _stage(
 
 
 def candidates(s: Setting, norm: Norm) -> Candidates:
-    """Rows as the norm wants them: single columns, weighted by the errors that are there already, or clusters."""
+    """Rows as the norm wants them: single columns, weighted by the errors that are there already, or clusters.
+
+    Of SH of order 2 only the linear part says in which order probes are tried; the judge, who says how far, reads all of it.
+    """
     rows, tree = s.probes.rows, s.probes.octree
+    values, se = rows.values[:, :COEFFICIENTS], rows.se[:, :COEFFICIENTS]
     variance = None
     if norm.columns == "clusters":
         cluster, weights = s.cluster, np.bincount(s.cluster, s.surfaces.guess) / np.bincount(s.cluster)
@@ -149,9 +153,9 @@ def candidates(s: Setting, norm: Norm) -> Candidates:
         odds = np.where(np.isfinite(s.judge.square), np.sqrt(s.judge.seen), 0.0)
         weights = odds / max(odds.sum(), np.finfo(np.float64).tiny) / s.judge.square
     count, columns = int(cluster.max()) + 1, cluster[rows.columns]
-    entries = interleaved(rows.values, rows.indptr, columns, count)
+    entries = interleaved(values, rows.indptr, columns, count)
     if norm.columns == "clusters":
-        variance = interleaved(rows.se**2, rows.indptr, columns, count)
+        variance = interleaved(se**2, rows.indptr, columns, count)
     return Candidates(tree.corner_level, s.able, s.parents, norm, entries, variance, weights, s.reading)
 
 

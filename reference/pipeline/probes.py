@@ -17,7 +17,8 @@ from ..placement.octree import build_octree, uniform_octree
 from ..placement.touching import leading_level, touched_voxels
 from ..placement.voxel_bitmap import VoxelBitmap, build_bitmap
 from ..progress import Progress, silent
-from ..sh import basis
+from ..reconstruction import order_for
+from ..sh import Order, basis, coefficient_count, order_of
 from ..transport.adaptive import Allocation
 from ..transport.direct import arriving, punctual_lights, visible
 from ..transport.form_factors import FormFactors, form_factors
@@ -72,7 +73,8 @@ class Probes:
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    """New lighting through a bake: coefficients (R, 4, 3) f32 radiance SH of real probes, texels (tiles, 27, 13) f32."""
+    """New lighting through a bake: coefficients (R, K, 3) f32 radiance SH of real probes, texels (tiles, 27, C) f32; K = 4 and C = 13,
+    with sampling.reconstruction = "l2" 9 and 28."""
 
     radiosity: Radiosity
     coefficients: F32
@@ -142,7 +144,8 @@ def trace_probes(scene: Scene, surfaces: Surfaces, octree: Octree, seed: int, pr
     """
     clock = Clock()
     s = scene.settings.placement
-    receivers = probe_receivers(surfaces.geometry, octree.positions)
+    order = order_for(scene.settings.sampling.reconstruction)
+    receivers = probe_receivers(surfaces.geometry, octree.positions, order)
     allocation = allocated(surfaces, receivers, s.probe_noise, s.probe_rays, seed + 3, LEAST_PROBE_RAYS)
     rows = form_factors(
         surfaces.geometry, surfaces.patches, receivers, allocation.rays, seed + 3, progress, "form factors of probes"
@@ -166,7 +169,8 @@ def update(scene: Scene, surfaces: Surfaces, probes: Probes, light: PatchLight) 
     """Probe lighting from patch light, then the tile cache's texels."""
     clock = Clock()
     coefficients = gather(probes.device_rows, light.radiosity.light)
-    coefficients = coefficients + punctual_input(scene, surfaces.geometry, probes.octree.positions)
+    order = order_of(coefficients.shape[1])
+    coefficients = coefficients + punctual_input(scene, surfaces.geometry, probes.octree.positions, order)
     clock.lap("probes")
     texels = tile_texels(probes, coefficients, probes.light_from)
     clock.lap("tiles")
@@ -174,18 +178,19 @@ def update(scene: Scene, surfaces: Surfaces, probes: Probes, light: PatchLight) 
 
 
 def tile_texels(probes: Probes, coefficients: F32, source: I32) -> F32:
-    """Texels (tiles, 27, 13) f32 of the tile cache from probes' radiance SH (R, 4, 3); source (R,) i32: whose light each uses, -1 for
-    none, as `Probes.light_from`."""
+    """Texels (tiles, 27, 13 or 28) f32 of the tile cache from probes' radiance SH (R, 4 or 9, 3); source (R,) i32: whose light each
+    uses, -1 for none, as `Probes.light_from`."""
     return fill_tiles(probes.layout, probe_texels(*with_copies(coefficients, source)))
 
 
-def punctual_input(scene: Scene, g: Geometry, positions: F64) -> F32:
-    """Radiance SH (R, 4, 3) f32 at probes (R, 3) of punctual lights tagged `input`: Y(ω) E⊥ where not shadowed."""
-    total = np.zeros((len(positions), 4, 3))
+def punctual_input(scene: Scene, g: Geometry, positions: F64, order: Order = 1) -> F32:
+    """Radiance SH (R, 4, 3) f32, of order 2 (R, 9, 3), at probes (R, 3) of punctual lights tagged `input`: Y(ω) E⊥ where not
+    shadowed."""
+    total = np.zeros((len(positions), coefficient_count(order), 3))
     for light in punctual_lights(scene, "input"):
         towards, distance, facing = arriving(light, positions)
         seen = visible(g, positions, None, towards, distance)
-        total += basis(towards)[:, :, None] * (facing * seen[:, None])[:, None, :]
+        total += basis(towards, order)[:, :, None] * (facing * seen[:, None])[:, None, :]
     return total.astype(np.float32)
 
 

@@ -1,6 +1,6 @@
 """What culling does to the error at sample points, under every single patch and under random lightings, all at once.
 
-    E = W F B,   W (N, 4 R): what points read of probes' SH for their normals,   F (4 R, C): form factors,   B: radiosity
+    E = W F B,   W (N, K R): what points read of probes' SH for their normals,   F (K R, C): form factors,   B: radiosity
     e² = mean over points of (E - R_a)(E - R_b),   R_a, R_b: light gathered by the points' own rays, two independent halves
 
 so that the reference's noise cancels. Culling replaces F by G F (`culling.replaced`); with D = W (G - I) F
@@ -38,8 +38,8 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Points, probes and light. reading (N, R): weights of points on probes; normal_weights (N, 4), see `sh.irradiance_weights`.
-    factors (4 R, C): F, see `stacked`. halves: two (N, C) matrices of the points' own form factors. lightings (C, m); expected
+    """Points, probes and light. reading (N, R): weights of points on probes; normal_weights (N, K), see `sh.irradiance_weights`.
+    factors (K R, C): F, see `stacked`. halves: two (N, C) matrices of the points' own form factors. lightings (C, m); expected
     (C,) light. cluster (C,) of each column."""
 
     reading: sparse.csr_array
@@ -59,7 +59,7 @@ class Judge:
         self._n, self._r = stage.reading.shape
         reading = stage.reading.astype(np.float32)
         weights = stage.normal_weights.astype(np.float32)
-        self._read = [sparse.diags_array(weights[:, k]) @ reading for k in range(4)]
+        self._read = [sparse.diags_array(weights[:, k]) @ reading for k in range(weights.shape[1])]
         self._factors = stage.factors
         a, b = stage.halves
         self.seen = np.asarray(a.sum(axis=0) + b.sum(axis=0)).ravel() / (2.0 * self._n)
@@ -98,11 +98,11 @@ class Judge:
 
 
 def stacked(values: F32, indptr: I64, columns: I32, count: int) -> sparse.csr_array:
-    """F (4 R, count) from rows of entries `values` (nnz, 4) in `columns` (nnz,): first all rows of the first coefficient."""
-    nnz = len(columns)
-    ends = np.concatenate([indptr[:-1] + k * nnz for k in range(4)] + [[4 * nnz]])
+    """F (K R, count) from rows of entries `values` (nnz, K) in `columns` (nnz,): first all rows of the first coefficient."""
+    nnz, k = values.shape
+    ends = np.concatenate([indptr[:-1] + i * nnz for i in range(k)] + [[k * nnz]])
     data = np.ascontiguousarray(values.T).ravel()
-    return sparse.csr_array((data, np.tile(columns, 4), ends), shape=(4 * (len(indptr) - 1), count))
+    return sparse.csr_array((data, np.tile(columns, k), ends), shape=(k * (len(indptr) - 1), count))
 
 
 def raised(change: F64) -> F64:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ..datatypes import F32, F64, I32, I64
 from ..device_arrays import to_u32, to_u64
 from ..low_discrepancy import receiver_seeds, scrambled, sobol_table
-from ..sh import COEFFICIENTS, Y0, Y1
+from ..sh import COEFFICIENTS, Y0, Y1, Y2, Y20
 from ..visibility import Geometry
 from .hits import DevicePatches, columns_of_rays
 from .receivers import Receivers
@@ -41,12 +41,13 @@ class Batch:
 @dataclass(frozen=True, eq=False)
 class Traced:
     """A batch on its way. keys (rows · rays,): column · rays + ray, mi.UInt32, or mi.UInt64 where that is too short;
-    back_share (rows,) mi.Float; directions (rows · rays,) mi.Vector3f for probes, else None."""
+    back_share (rows,) mi.Float; directions (rows · rays,) mi.Vector3f for probes, else None; components: K."""
 
     rows: I64
     rays: int
     replicates: int
     weight: float
+    components: int
     keys: Any
     back_share: Any
     directions: Any
@@ -86,7 +87,7 @@ def launch_batch(
     dr.eval(keys, met_back, kept)
     back_share = dr.block_sum(met_back, rays) / rays
     dr.eval(back_share)
-    return Traced(rows, rays, replicates, receivers.weight, keys, back_share, kept)
+    return Traced(rows, rays, replicates, receivers.weight, receivers.components, keys, back_share, kept)
 
 
 def finish_batch(t: Traced) -> Batch:
@@ -145,7 +146,7 @@ def _sum_runs(t: Traced, starts: I64, keys: npt.NDArray[np.unsignedinteger]) -> 
     import drjit as dr
     import mitsuba as mi
 
-    k, m = COEFFICIENTS if t.directions is not None else 1, t.replicates
+    k, m = t.components, t.replicates
     begin, end = to_u32(starts), to_u32(np.append(starts[1:], keys.size))
     mask, shift = dr.opaque(mi.UInt32, t.rays - 1), dr.opaque(mi.UInt32, (t.rays // t.replicates).bit_length() - 1)
     row_start = begin & ~mask
@@ -191,7 +192,10 @@ def _terms(t: Traced, lane: Any) -> list[Any]:
     if t.directions is None:
         return [mi.Float(1.0)]
     x, y, z = (dr.gather(mi.Float, t.directions[axis], lane) for axis in range(3))
-    return [mi.Float(Y0), Y1 * y, Y1 * z, Y1 * x]
+    first = [mi.Float(Y0), Y1 * y, Y1 * z, Y1 * x]
+    if t.components == COEFFICIENTS:
+        return first
+    return [*first, Y2 * x * y, Y2 * y * z, Y20 * (3.0 * z * z - 1.0), Y2 * x * z, 0.5 * Y2 * (x * x - y * y)]
 
 
 def accumulate_plain(found: I64, terms: F64, replicates: int) -> dict[int, tuple[F64, F64]]:

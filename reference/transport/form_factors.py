@@ -22,7 +22,7 @@ from scipy import sparse
 from ..datatypes import F32, F64, I32, I64
 from ..device_arrays import drop_device_cache
 from ..progress import Progress
-from ..sh import COEFFICIENTS
+from ..sh import Order
 from ..sky import SKY_BINS
 from ..visibility import Geometry
 from .accumulate import Batch, finish_batch, launch_batch
@@ -36,7 +36,8 @@ REPLICATES = 8
 
 @dataclass(frozen=True, eq=False)
 class FormFactors:
-    """Compressed rows. indptr (R + 1,) i64, columns (nnz,) i32, values (nnz, K) f32; K = 4 for probes, else 1.
+    """Compressed rows. indptr (R + 1,) i64, columns (nnz,) i32, values (nnz, K) f32; K = 4 for probes, 9 where they hold SH of
+    order 2, else 1: an entry takes 4 + 4 K bytes in an update, and 4 K more here for `se`.
 
     patches: number of patch columns; SKY_BINS sky columns follow, then one absorbing column.
     back_share (R,) f64: share of the receiver's rays that met the inside of something. rays (R,) i64: rays per receiver.
@@ -80,10 +81,10 @@ def patch_form_factors(g: Geometry, p: Patches, rays: int | I64, seed: int, prog
 
 
 def probe_form_factors(
-    g: Geometry, p: Patches, positions: F64, rays: int | I64, seed: int, progress: Progress
+    g: Geometry, p: Patches, positions: F64, rays: int | I64, seed: int, progress: Progress, order: Order = 1
 ) -> FormFactors:
-    """SH form factors of probes at `positions` (R, 3) m, K = 4."""
-    return form_factors(g, p, probe_receivers(g, positions), rays, seed, progress, "form factors of probes")
+    """SH form factors of probes at `positions` (R, 3) m, K = 4, of order 2 K = 9: the first four are then the same, bit for bit."""
+    return form_factors(g, p, probe_receivers(g, positions, order), rays, seed, progress, "form factors of probes")
 
 
 def point_form_factors(
@@ -104,7 +105,6 @@ def form_factors(
     bad = counts[(counts & (counts - 1) != 0) | (counts < 2 * REPLICATES)]
     if len(bad):
         raise ValueError(f"rays must be a power of two, at least {2 * REPLICATES}, got {bad[0]}")
-    k = COEFFICIENTS if receivers.spherical else 1
     done: list[Batch] = []
     finished, device, pending = 0, upload_patches(g, p), None
     for rows, n in [*_batches(counts), (None, 0)]:
@@ -116,7 +116,7 @@ def form_factors(
             progress(stage, finished, receivers.count)
         pending = upcoming
     drop_device_cache()
-    return _assembled(done, counts, p.count, k)
+    return _assembled(done, counts, p.count, receivers.components)
 
 
 def _batches(counts: I64) -> list[tuple[I64 | None, int]]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..datatypes import F64, I32, I64
 from ..device_arrays import to_f32, to_u32
+from ..sh import COEFFICIENTS, Order, coefficient_count
 from ..visibility import LIFT, Geometry, points_on_triangles
 from .elements import points_in_elements
 from .patches import Patches
@@ -24,13 +25,15 @@ CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 
 
 class Receivers(Protocol):
-    """count: how many. spherical: rows are SH coefficients of radiance (K = 4), else one number (K = 1).
+    """count: how many. spherical: rows are SH coefficients of radiance, else one number. components: K, 4 or 9 of them, or 1.
     weight: what one ray of N adds, times N."""
 
     @property
     def count(self) -> int: ...
     @property
     def spherical(self) -> bool: ...
+    @property
+    def components(self) -> int: ...
     @property
     def weight(self) -> float: ...
 
@@ -57,6 +60,7 @@ class AreaReceivers:
     normal: Any
     upto: Any
     spherical: bool = False
+    components: int = 1
     weight: float = 1.0
 
     def rays(self, receiver: Any, u: Uniform) -> tuple[Any, Any]:
@@ -156,6 +160,7 @@ class PointReceivers:
     origin: Any
     normal: Any
     spherical: bool = False
+    components: int = 1
     weight: float = 1.0
 
     def rays(self, receiver: Any, u: Uniform) -> tuple[Any, Any]:
@@ -175,6 +180,7 @@ class ProbeReceivers:
     count: int
     origin: Any
     spherical: bool = True
+    components: int = COEFFICIENTS
     weight: float = 4.0
 
     def rays(self, receiver: Any, u: Uniform) -> tuple[Any, Any]:
@@ -198,6 +204,7 @@ class TexelReceivers:
     origin: Any
     size: int
     spherical: bool = False
+    components: int = 1
     weight: float = 1.0 / np.pi
 
     def rays(self, receiver: Any, u: Uniform) -> tuple[Any, Any]:
@@ -221,7 +228,6 @@ class TexelReceivers:
 
 
 def _boxed(g: Geometry, positions: F64, normals: F64 | None = None) -> Any:
-
     boxed = (np.asarray(positions, dtype=np.float64) - g.centre) / g.scale
     if normals is not None:
         boxed = boxed + LIFT * normals
@@ -230,13 +236,12 @@ def _boxed(g: Geometry, positions: F64, normals: F64 | None = None) -> Any:
 
 def point_receivers(g: Geometry, positions: F64, normals: F64) -> PointReceivers:
     """Surface elements at `positions` (R, 3) m with unit `normals` (R, 3)."""
-
     return PointReceivers(len(positions), _boxed(g, positions, normals), to_f32(normals))
 
 
-def probe_receivers(g: Geometry, positions: F64) -> ProbeReceivers:
-    """Probes at `positions` (R, 3) m."""
-    return ProbeReceivers(len(positions), _boxed(g, positions))
+def probe_receivers(g: Geometry, positions: F64, order: Order = 1) -> ProbeReceivers:
+    """Probes at `positions` (R, 3) m, with SH of `order`."""
+    return ProbeReceivers(len(positions), _boxed(g, positions), components=coefficient_count(order))
 
 
 def texel_receivers(g: Geometry, positions: F64, size: int) -> TexelReceivers:

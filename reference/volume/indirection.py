@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..datatypes import I64, U32, Indirection
+from ..datatypes import I64, MAX_OFFSET, U32, Indirection
+from ..datatypes import cache_shape as of_tiles
 from ..errors import InputError
-from ..tiling import MAX_OFFSET, MAX_TILES, indirection_dims
+from ..tiling import MAX_TILES, indirection_dims
 from .layout import TileLayout
 
 
@@ -24,10 +25,7 @@ def cache_shape(tiles: int) -> I64:
             f"the tile cache needs {tiles} tiles, the 32-bit indirection texel addresses {MAX_TILES}; raise "
             "placement.min_voxel or the meshes' probe_size"
         )
-    edge = min(MAX_OFFSET, max(1, int(np.ceil(tiles ** (1.0 / 3.0) - 1e-9))))
-    y = min(MAX_OFFSET, -(-tiles // (edge * edge)) if edge == MAX_OFFSET else edge)
-    z = max(1, -(-tiles // (edge * y)))
-    return np.array([edge, y, z], dtype=np.int64)
+    return of_tiles(tiles)
 
 
 def slot_offset(slot: I64, cache: I64) -> I64:

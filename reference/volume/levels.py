@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..datatypes import F32, F64, I32, I64
+from ..datatypes import F32, F64, I32, I64, Viewer
 from ..lattice import Octree
 
 
@@ -36,3 +36,25 @@ def complete_sets(tree: Octree) -> I64:
     ancestor at level l too, since a voxel exists only if its parent does.
     """
     return np.cumsum(np.bincount(tree.corner_level, minlength=tree.grid.level + 1))[1:].astype(np.int64)
+
+
+def ring_lod(positions: F32, viewer: Viewer, anchor: F64, levels: int) -> tuple[I32, F32]:
+    """Level of detail (N,) i32 by distance from the viewer, and the share (N,) f32 of the next coarser one (0 without a blend band).
+
+    positions (N, 3) f32: m from `anchor` (3,) f64. In single precision, and by the exponent of the squared distance, as a kernel
+    does it: at a ring's very edge `lod_of_distance` may differ. NaN gives 1.
+    """
+    one = np.float32(1.0)
+    d = positions - (viewer.position - anchor).astype(np.float32)
+    inverse = np.float32(1.0 / viewer.lod_distance**2)
+    square = ((d[:, 0] * d[:, 0] + d[:, 1] * d[:, 1]) + d[:, 2] * d[:, 2]) * inverse
+    bits = square.view(np.int32)
+    above = (bits >> 23) - 127 + ((bits & 0x7FFFFF) != 0)
+    ring = np.where(above > 0, (above + 1) >> 1, 0)
+    lod = np.maximum(levels - ring, 1).astype(np.int32)
+    if viewer.blend == 0.0:
+        return lod, np.zeros(len(lod), dtype=np.float32)
+    band = np.float32(viewer.blend)
+    along = np.sqrt(square) * np.exp2(-ring.astype(np.float32))
+    share = np.clip((along - (one - band)) * (one / band), np.float32(0.0), one)
+    return lod, np.where(lod > 1, share, np.float32(0.0)).astype(np.float32)

@@ -81,7 +81,7 @@ def read(texture: VirtualTexture, texels: sparse.csr_array, positions: F64) -> R
     return Reading((mix @ texels).tocsr())
 
 
-def _corners(texture: VirtualTexture, q: F32, ask: I64) -> tuple[I64, F64, I64]:
+def _corners(texture: VirtualTexture, q: F64, ask: I64) -> tuple[I64, F64, I64]:
     """Numbers (N, 8) of the texels at the corners of the voxel that answers, their trilinear weights, and its level (N,)."""
     slot, level = locate(texture, q, ask)
     half = np.exp2(texture.level - level)[:, None]

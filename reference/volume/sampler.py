@@ -1,77 +1,111 @@
-"""The plain sampler: what the OpenCL kernel must return, step by step in float32 NumPy.
+"""The plain sampler: what the OpenCL kernel must return, step by step in NumPy.
 
-    q = (p - origin) / h, clamped to the extent          position in finest voxels
+    q = (p - origin) / h, clamped to the extent          position in finest voxels: integer cell + f32 fraction
     texel = indirection[lod][q / tile edge]               finest tile of level ≤ lod
     (light, weight) = trilinear of the voxel's 8 texels   light is premultiplied
-    E(n) = Σ_k w_k(n) light_k / weight                     irradiance from L1 radiance
+    E(n) = reconstruction(light / weight, n)
 
 Where the weight is under MIN_WEIGHT all nearby probes are invalid, and the level above is asked instead.
+
+Positions count from an anchor, of which cell and fraction are found in double precision: what is near the anchor is then resolved as
+finely 100 km from the origin as at it (failure-catalogue E5). q holds cell + fraction in double precision, which is exact.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..datatypes import F32, F64, I32, I64, Samples, VirtualTexture, check_lod
-from ..sh import irradiance_weights
+from ..datatypes import F32, F64, FARTHEST, I32, I64, WEIGHT, Samples, Viewer, VirtualTexture, anchor_cell, check_lod
+from ..reconstruction import Reconstruction, irradiance
+from .levels import ring_lod
 
 MIN_WEIGHT = np.float32(1.0 / 1024.0)
 
 
-def sample(texture: VirtualTexture, positions: F32 | F64, normals: F32 | F64, lod: int | I32 | None = None) -> Samples:
+def sample(
+    texture: VirtualTexture,
+    positions: F32 | F64,
+    normals: F32 | F64,
+    lod: int | I32 | Viewer | None = None,
+    anchor: F64 | None = None,
+    reconstruction: Reconstruction = "linear",
+) -> Samples:
     """Irradiance at `positions` (N, 3) m for unit `normals` (N, 3). `lod`: finest level to use, one for all or (N,) i32, one for
-    each sample; without it all levels.
+    each sample, or by distance from a viewer; without it all levels. anchor (3,) m: see above; the texture's origin if None.
 
     A NaN position gives NaN there and nowhere else. Raises ValueError for a `lod` that the texture does not have.
     """
-    check_lod(lod, texture.level, len(positions))
-    q = lattice_position(texture, positions)
-    weights = irradiance_weights(np.asarray(normals, dtype=np.float32)).astype(np.float32)
-    light, weight, level = resolve(texture, q, q, texture.level if lod is None else lod)
-    irradiance = _divide(light, weight, weights)
-    irradiance[~np.isfinite(q).all(axis=1)] = np.nan
-    return Samples(irradiance, level, weight)
+    q = lattice_position(texture, positions, anchor)
+    n = np.asarray(normals, dtype=np.float32)
+    if not isinstance(lod, Viewer):
+        check_lod(lod, texture.level, len(positions))
+        light, weight, level = resolve(texture, q, q, texture.level if lod is None else lod)
+        out = _irradiance(reconstruction, light, weight, n)
+    else:
+        start = texture.origin if anchor is None else anchor
+        asked, share = ring_lod(
+            (np.asarray(positions, np.float64) - start).astype(np.float32), lod, start, texture.level
+        )
+        light, weight, level = resolve(texture, q, q, asked)
+        out = _irradiance(reconstruction, light, weight, n)
+        mixed = np.flatnonzero((share > 0.0) & (level > 0))
+        light, less, found = resolve(texture, q[mixed], q[mixed], asked[mixed] - 1)
+        next_one, t = _irradiance(reconstruction, light, less, n[mixed]), share[mixed, None]
+        out[mixed] = np.where((found > 0)[:, None], out[mixed] * (np.float32(1.0) - t) + next_one * t, out[mixed])
+    out[~np.isfinite(q).all(axis=1)] = np.nan
+    return Samples(out, level, weight)
 
 
-def _divide(light: F32, weight: F32, weights: F32) -> F32:
-    out = np.zeros((len(light), 3), dtype=np.float32)
+def _irradiance(reconstruction: Reconstruction, light: F32, weight: F32, normals: F32) -> F32:
+    """(N, 3) f32 from premultiplied light (N, 12 or 27), weights (N,) and normals; 0 where the weight is."""
     ok = weight >= MIN_WEIGHT
-    for colour in range(3):
-        c = light[:, 4 * colour : 4 * colour + 4]
-        e = weights[:, 0] * c[:, 0] + weights[:, 1] * c[:, 1] + weights[:, 2] * c[:, 2] + weights[:, 3] * c[:, 3]
-        out[ok, colour] = e[ok] / weight[ok]
+    divided = light[ok] / weight[ok, None]
+    first = divided[:, :12].reshape(-1, 3, 4)
+    coefficients = np.concatenate(
+        [first, divided[:, 12:].reshape(len(first), 3, (divided.shape[1] - 12) // 3)], axis=2
+    ).transpose(0, 2, 1)
+    out = np.zeros((len(light), 3), dtype=np.float32)
+    out[ok] = irradiance(reconstruction, coefficients, normals[ok])
     return out
 
 
-def lattice_position(texture: VirtualTexture, positions: F32 | F64) -> F32:
-    """Positions (N, 3) in finest voxels, f32, clamped to the extent; NaN stays NaN."""
-    origin, inverse = texture.origin.astype(np.float32), np.float32(1.0 / texture.finest)
-    q = (np.asarray(positions, dtype=np.float32) - origin) * inverse
-    return np.clip(q, np.float32(0.0), texture.extent.astype(np.float32))
+def lattice_position(texture: VirtualTexture, positions: F32 | F64, anchor: F64 | None = None) -> F64:
+    """Positions (N, 3) m in finest voxels, clamped to the extent: whole cells and f32 fractions, added up in f64; NaN stays NaN.
+
+    Raises ValueError for an anchor that is not three finite numbers or is too far for 32-bit cells.
+    """
+    start = texture.origin if anchor is None else np.asarray(anchor, dtype=np.float64)
+    cell, offset = anchor_cell(texture.origin, texture.finest, start)
+    local = (np.asarray(positions, dtype=np.float64) - start).astype(np.float32)
+    x = np.clip(local * np.float32(1.0 / texture.finest) + offset, np.float32(-FARTHEST), np.float32(FARTHEST))
+    whole = np.floor(x)
+    q = whole.astype(np.float64) + cell + (x - whole)
+    return np.asarray(np.clip(q, 0.0, texture.extent.astype(np.float64)), dtype=np.float64)
 
 
-def resolve(texture: VirtualTexture, q: F32, lookup: F32, lod: int | I32) -> tuple[F32, F32, I32]:
-    """Premultiplied light (N, 12), weight (N,) and level (N,) at `q` (N, 3) finest voxels, in the voxel that holds `lookup`.
+def resolve(texture: VirtualTexture, q: F64, lookup: F64, lod: int | I32) -> tuple[F32, F32, I32]:
+    """Premultiplied light (N, 12 or 27), weight (N,) and level (N,) at `q` (N, 3) finest voxels, in the voxel that holds `lookup`.
 
     `lookup` differs from `q` only to ask for the other side of a border. lod: finest level to use, one for all or (N,).
     """
     n = len(q)
-    light, weight = np.zeros((n, 12), dtype=np.float32), np.zeros(n, dtype=np.float32)
-    level = np.zeros(n, dtype=np.int32)
+    light = np.zeros((n, texture.texels.shape[2] - 1), dtype=np.float32)
+    weight, level = np.zeros(n, dtype=np.float32), np.zeros(n, dtype=np.int32)
     active = np.flatnonzero(np.isfinite(q).all(axis=1))
     ask = np.broadcast_to(np.asarray(lod, dtype=np.int64), (n,))[active]
     while len(active):
         slot, found = locate(texture, lookup[active], ask)
         value = interpolate(texture, q[active], lookup[active], slot, found)
-        good = value[:, 12] >= MIN_WEIGHT
+        good = value[:, WEIGHT] >= MIN_WEIGHT
         done = active[good]
-        light[done], weight[done], level[done] = value[good, :12], value[good, 12], found[good]
+        light[done], weight[done] = np.delete(value[good], WEIGHT, axis=1), value[good, WEIGHT]
+        level[done] = found[good]
         rest = ~good & (found > 1)
         active, ask = active[rest], found[rest] - 1
     return light, weight, level
 
 
-def locate(texture: VirtualTexture, lookup: F32, lod: I64) -> tuple[I64, I64]:
+def locate(texture: VirtualTexture, lookup: F64, lod: I64) -> tuple[I64, I64]:
     """Slot (N,) and level (N,) of the tile that LOD `lod` (N,) gives at `lookup` (N, 3) finest voxels."""
     i = texture.indirection
     cell = tile_cell(texture, lookup, lod)
@@ -83,18 +117,18 @@ def locate(texture: VirtualTexture, lookup: F32, lod: I64) -> tuple[I64, I64]:
     return slot, texel >> 24
 
 
-def tile_cell(texture: VirtualTexture, lookup: F32, level: I64) -> I64:
+def tile_cell(texture: VirtualTexture, lookup: F64, level: I64) -> I64:
     """Cell (N, 3) of level's tiles that holds `lookup`; the upper border belongs to the last cell."""
-    edge = np.exp2(texture.level - level + 1).astype(np.float32)
+    edge = np.exp2(texture.level - level + 1)
     return np.minimum((lookup / edge[:, None]).astype(np.int64), texture.indirection.dims[level - 1] - 1)
 
 
-def interpolate(texture: VirtualTexture, q: F32, lookup: F32, slot: I64, level: I64) -> F32:
-    """Trilinear texel (N, 13) at `q` within the tile in `slot`, in the tile's voxel that holds `lookup`."""
-    half = np.exp2(texture.level - level).astype(np.float32)[:, None]
-    base = tile_cell(texture, lookup, level).astype(np.float32) * (2 * half)
+def interpolate(texture: VirtualTexture, q: F64, lookup: F64, slot: I64, level: I64) -> F32:
+    """Trilinear texel (N, C) at `q` within the tile in `slot`, in the tile's voxel that holds `lookup`."""
+    half = np.exp2(texture.level - level)[:, None]
+    base = tile_cell(texture, lookup, level) * (2 * half)
     voxel = np.clip(np.floor((lookup - base) / half), 0, 1)
-    f = np.clip((q - base) / half - voxel, np.float32(0.0), np.float32(1.0))
+    f = np.clip((q - base) / half - voxel, 0.0, 1.0).astype(np.float32)
     first = (voxel[:, 0] * 9 + voxel[:, 1] * 3 + voxel[:, 2]).astype(np.int64)
 
     def texel(x: int, y: int, z: int) -> F32:

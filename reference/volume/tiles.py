@@ -6,16 +6,11 @@ probe mixes both. Only so is the interpolated quotient the same from both sides 
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
-from ..datatypes import F32, I32, I64, Bool, pre_exposure, weight_ratio
+from ..datatypes import F32, I32, I64, WEIGHT, Bool, Storage, pre_exposure, stored_weight, weight_ratio
 from ..lattice import OCTANTS
 from .layout import TEXEL_OFFSETS, TEXELS, TileLayout
-
-CHANNELS = 13  # 3 colours × 4 SH coefficients, then the weight
-Storage = Literal["float32", "half16", "half8"]
 
 
 def _corner_weights(first: I64, step: int) -> F32:
@@ -33,9 +28,13 @@ ROOT_WEIGHTS = _corner_weights(np.zeros(3, dtype=np.int64), 2)
 
 
 def probe_texels(coefficients: F32, valid: Bool) -> F32:
-    """Texels (R, 13) of real probes: radiance SH (R, 4, 3) of valid ones colour by colour, and the weight."""
-    light = coefficients.transpose(0, 2, 1).reshape(-1, 12)
-    return np.concatenate([np.where(valid[:, None], light, 0.0), valid[:, None]], axis=1).astype(np.float32)
+    """Texels (R, 13 or 28) of real probes: radiance SH (R, 4 or 9, 3) of valid ones colour by colour, and the weight after the first
+    four of each."""
+    n = len(coefficients)
+    light = coefficients[:, :4].transpose(0, 2, 1).reshape(n, 12)
+    band2 = coefficients[:, 4:].transpose(0, 2, 1).reshape(n, 3 * (coefficients.shape[1] - 4))
+    mask = valid[:, None]
+    return np.concatenate([np.where(mask, light, 0.0), mask, np.where(mask, band2, 0.0)], axis=1).astype(np.float32)
 
 
 def with_copies(coefficients: F32, light_from: I32) -> tuple[F32, Bool]:
@@ -44,10 +43,16 @@ def with_copies(coefficients: F32, light_from: I32) -> tuple[F32, Bool]:
     return coefficients[np.maximum(light_from, 0)], light_from >= 0
 
 
-def fill_tiles(layout: TileLayout, probes: F32) -> F32:
-    """All texels (tiles, 27, 13) f32 in slot order, from real probes' texels (R, 13)."""
-    out = np.zeros((layout.tiles, TEXELS, CHANNELS), dtype=np.float32)
-    table = np.concatenate([probes, np.zeros((1, CHANNELS), dtype=np.float32)])
+def fill_tiles(layout: TileLayout, probes: F32, storage: Storage = "float32", exposure: float | None = None) -> F32:
+    """All texels (tiles, 27, C) f32 in slot order, from real probes' texels (R, C).
+
+    In another storage than float32 each level is rounded before the next is interpolated from it, as a tile cache that is filled in
+    place does it: a fine voxel's border then agrees with what its coarse neighbour *holds*.
+    """
+    channels = probes.shape[1]
+    out = np.zeros((layout.tiles, TEXELS, channels), dtype=np.float32)
+    table = np.concatenate([probes, np.zeros((1, channels), dtype=np.float32)])
+    exposure = pre_exposure(probes) if exposure is None else exposure
     for i, probe in enumerate(layout.probe):
         begin, end = layout.first_slot[i], layout.first_slot[i + 1]
         real = table[probe]
@@ -59,19 +64,24 @@ def fill_tiles(layout: TileLayout, probes: F32) -> F32:
             for octant in range(8):
                 mine = layout.octant[i] == octant
                 virtual[mine] = np.einsum("tp,npc->ntc", PARENT_WEIGHTS[octant], above[mine])
-        out[begin:end] = np.where((probe >= 0)[..., None], real, virtual)
+        out[begin:end] = rounded(np.where((probe >= 0)[..., None], real, virtual), storage, exposure)
     return out
 
 
 def stored(texels: F32, storage: Storage) -> F32:
-    """What survives a storage format, as f32: `float32` all, `half16` half light and 16-bit unorm weight, `half8` half
-    light and 8-bit unorm weight (the talk's 25 bytes). Half floats hold light divided by `pre_exposure`. Light goes with
-    the weight that is stored, so that their quotient, the probe's own light, does not suffer from the weight's rounding."""
+    """What survives a storage format, as f32, of texels (..., C): see `rounded`; half floats hold light divided by `pre_exposure`."""
+    return rounded(texels, storage, pre_exposure(texels))
+
+
+def rounded(texels: F32, storage: Storage, exposure: float) -> F32:
+    """Texels (..., C) f32 as a storage format keeps them: light as half floats after division by `exposure`, weights as `stored_weight`
+    has them. Light goes with the weight that is stored, so that their quotient, the probe's own light, does not suffer from the
+    weight's rounding."""
     if storage == "float32":
         return texels
-    steps = np.float32(65535 if storage == "half16" else 255)
-    exposure = np.float32(pre_exposure(texels))
-    weight = (np.round(texels[..., 12:] * steps) / steps).astype(np.float32)
-    light = texels[..., :12] * weight_ratio(weight, texels[..., 12:])
-    light = (light / exposure).astype(np.float16).astype(np.float32) * exposure
-    return np.concatenate([light, weight], axis=-1)
+    weight = stored_weight(texels[..., WEIGHT], storage)
+    divided = texels * (weight_ratio(weight, texels[..., WEIGHT]) / np.float32(exposure))[..., None]
+    divided[..., WEIGHT] = 0.0
+    out = divided.astype(np.float16).astype(np.float32) * np.float32(exposure)
+    out[..., WEIGHT] = weight
+    return out

@@ -180,3 +180,27 @@ def test_bake_refuses_what_no_light_can_settle(tmp_path: Path, capsys: Any) -> N
     said = refused(capsys, "bake", str(sphere), "--out", str(out), "--quiet", "--set=radiosity.noise=0.1", *bright)
     assert "spectral radius" in said or "albedo" in said
     assert not out.exists() and not list(tmp_path.iterdir())
+
+
+def test_probes_of_order_2(tmp_path: Path, capsys: Any) -> None:
+    """Nine coefficients, in three parts on the device, against the plain product of the bake's rows with the patches' light."""
+    cornell = HOUSE.parents[1] / "cornell" / "scene.toml"
+    coarse = [
+        "placement.min_voxel=0.14",
+        "placement.probe_noise=0.2",
+        "radiosity.patch_size=0.1",
+        "radiosity.noise=0.1",
+    ]
+    out = tmp_path / "c.bake"
+    options = [f"--set={s}" for s in ("sampling.reconstruction=l2", "placement.cull_error=10.0", *coarse)]
+    assert main(["bake", str(cornell), "--out", str(out), "--quiet", *options]) == 0
+    capsys.readouterr()
+    made = relight(capsys, out, "--out", tmp_path / "v.npz")
+    assert set(made["receivers"]) == {"probes", "patches"}
+    rows = load(out).rows["probes"]
+    with np.load(tmp_path / "v.npz", allow_pickle=False) as values:
+        light = np.zeros((rows.matrix().shape[1], 3))
+        light[: rows.patches] = values["patch_radiosity"]
+        expected = np.stack([rows.matrix(k) @ light for k in range(9)], axis=1)
+        assert expected[:, 4:].std() > 0.01 * expected[:, 0].mean()
+        np.testing.assert_allclose(values["probe_radiance_sh"], expected, atol=1e-5 * expected.max())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
@@ -10,9 +9,7 @@ import numpy as np
 from ...reference import pipeline
 from ...reference.datatypes import F64, Samples
 from ...reference.truth.points import PointSet
-from ...reference.volume.sampler import sample
-from ...reference.volume.tiles import stored
-from ..bake import STORAGE, Baked
+from ..bake import Baked, plain_samples
 from ..ground_truth import GroundTruth
 from ..metrics.error import Measured, jackknife, rel_rmse
 
@@ -30,11 +27,10 @@ def culled_metrics(
             f"no probe was culled: none of {culled.able:,} with eight valid parents can go at placement.cull_error"
         ]
     found = {}
-    kept = dataclasses.replace(baked.uncut, texels=stored(baked.uncut.texels, STORAGE))
     for name, points in truth.points.items():
         batches = truth.estimates[name].irradiance
         if batches.mean() > 0.0:
-            before = sample(kept, pipeline.lifted(baked.scene, kept, points), points.normals).irradiance
+            before = plain_samples(baked, baked.uncut, points).irradiance
             both = np.stack([sampled[name].irradiance, before]).astype(np.float64)
             found["culled_raise" + ("" if name == "camera" else f"_{name}")] = measure_raise(both, batches)
     return found, [_said(culled)]

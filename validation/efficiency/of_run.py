@@ -43,6 +43,11 @@ def efficiency(
 ) -> Efficiency:
     """eta, eta_placement and its kin over the cameras' points (else the surfaces'), and eta_camera_NAME of each of several."""
     asked = list(judges(baked.scene, truth, ("camera",))) or list(judges(baked.scene, truth, ("surface",)))
+    way = baked.scene.settings.sampling.reconstruction
+    if way != "linear":
+        return Efficiency(
+            {}, {}, [], [f"no placement efficiency: grids are read linearly, the scene's reconstruction is {way}"]
+        )
     if not asked:
         return Efficiency({}, {}, [], ["no placement efficiency: no lit point is seen by a camera or lit by probes"])
     errors = {

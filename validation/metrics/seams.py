@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...reference.datatypes import F32, F64, VirtualTexture
+from ...reference.datatypes import F64, VirtualTexture
 from ...reference.directions import sphere
 from ...reference.sh import COSINE_A0, COSINE_A1, Y0, Y1, irradiance_weights
 from ...reference.volume.sampler import MIN_WEIGHT, locate, resolve
@@ -26,14 +26,14 @@ from .error import Measured
 
 NUDGE = 1e-3  # of a finest voxel: how far to each side to look for the neighbour
 MAX_POINTS = 20_000
-SIDES = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float32)
+SIDES = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class SeamPoints:
-    """q (N, 3) f32 border points in finest voxels; normals (N, 3); across_levels: number of points between levels."""
+    """q (N, 3) f64 border points in finest voxels; normals (N, 3); across_levels: number of points between levels."""
 
-    q: F32
+    q: F64
     normals: np.ndarray
     across_levels: int
 
@@ -49,13 +49,13 @@ def seam_points(texture: VirtualTexture, regions: np.ndarray | None, seed: int) 
         around = rng.random((n, 3)) * texture.extent
     else:
         around = regions[rng.integers(len(regions), size=n)] + rng.normal(size=(n, 3)) * 2.0
-    where: F32 = np.clip(around, 0.0, texture.extent - 1e-3).astype(np.float32)
+    where = np.clip(around, 0.0, texture.extent - 1e-3).astype(np.float32).astype(np.float64)
     _, level = locate(texture, where, np.full(n, texture.level))
-    size = np.exp2(texture.level - level).astype(np.float32)[:, None]
+    size = np.exp2(texture.level - level)[:, None]
     corner = np.round(where / size)
     kind = rng.integers(1, 4, size=n)  # on a face, an edge, a vertex
     rank = np.argsort(rng.random((n, 3)), axis=1)
-    q = np.where(rank < kind[:, None], corner * size, where).astype(np.float32)
+    q = np.where(rank < kind[:, None], corner * size, where)
     inside = ((q > 0) | (rank >= kind[:, None])).all(axis=1) & (q < texture.extent).all(axis=1)
     q = q[inside]
     levels = np.stack([locate(texture, _nudged(texture, q, s), np.full(len(q), texture.level))[1] for s in SIDES])
@@ -65,11 +65,10 @@ def seam_points(texture: VirtualTexture, regions: np.ndarray | None, seed: int) 
     return SeamPoints(q[order], normals, int(across[order].sum()))
 
 
-def _nudged(texture: VirtualTexture, q: F32, side: F32) -> F32:
+def _nudged(texture: VirtualTexture, q: F64, side: F64) -> F64:
     """Look to one side, along the axes on whose borders the points lie."""
-    limit = texture.extent.astype(np.float32)
-    step = np.where(q == np.round(q), np.float32(NUDGE) * side, np.float32(0.0))
-    return np.clip(q + step, np.float32(0.0), limit).astype(np.float32)
+    step = np.where(q == np.round(q), NUDGE * side, 0.0)
+    return np.asarray(np.clip(q + step, 0.0, texture.extent), dtype=np.float64)
 
 
 def measure_seams(texture: VirtualTexture, points: SeamPoints, suffix: str = "") -> dict[str, Measured]:
@@ -91,10 +90,10 @@ def measure_seams(texture: VirtualTexture, points: SeamPoints, suffix: str = "")
     }
 
 
-def _radiance(texture: VirtualTexture, q: F32, lookup: F32) -> F64:
-    """Radiance SH (N, 3, 4) at `q`, by the formula of the voxel that holds `lookup`."""
+def _radiance(texture: VirtualTexture, q: F64, lookup: F64) -> F64:
+    """Radiance SH of order 1 (N, 3, 4) at `q`, by the formula of the voxel that holds `lookup`."""
     light, weight, _ = resolve(texture, q, lookup, texture.level)
-    return light.reshape(-1, 3, 4).astype(np.float64) / np.maximum(weight, MIN_WEIGHT)[:, None, None]
+    return light[:, :12].reshape(-1, 3, 4).astype(np.float64) / np.maximum(weight, MIN_WEIGHT)[:, None, None]
 
 
 def _worst_jump(difference: F64) -> F64:
