@@ -25,6 +25,13 @@ _GRID = np.dtype(
         ("scale", np.float32, 4),
     ]
 )
+# Work items of a group. Said, as PoCL builds a kernel anew (0.1 s) for every global size where it may choose the local one.
+GROUP = 64
+
+
+def grouped(count: int) -> tuple[tuple[int], tuple[int]]:
+    """Global and local size of a launch with `count` work items or a few more: kernels are told the count."""
+    return (-(-count // GROUP) * GROUP,), (GROUP,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,10 +142,11 @@ class Launcher:
         arguments = [*source.textures, source.indirection, source.lods, words]
         arguments += [] if lods is None else [lods]
         arguments += [a.base_data if is_on_device(a) else a for a in (p, d, *results)]
+        arguments.append(np.int32(n))
         arguments += [] if wrong is None else [source.owners, wrong.base_data]
         if n == 0:
             return DeviceSamples(results[0], results[1], results[2], wrong, None)
-        event = kernel(device.queue, (n,), None, *arguments)
+        event = kernel(device.queue, *grouped(n), *arguments)
         # OpenCL does not own kernel arguments: all of them, samplers and caller's arrays too, must live until the launch is over.
         complete = pyopencl_module().command_execution_status.COMPLETE
         while self._pending and self._pending[0][0].command_execution_status == complete:

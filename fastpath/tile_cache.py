@@ -19,6 +19,7 @@ from .layout import LIGHT_TYPE, PACKED_SIZE, TEXELS, Layout, build_options, chec
 from .programs import program
 
 _LANES = 256
+_GROUP = (TEXELS,)  # said, as PoCL builds a kernel anew for every global size where it may choose the local one
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +161,7 @@ class TileCache:
             values: F32 = np.abs(light)
             return float(values.max(initial=0.0, where=np.isfinite(values)))
         found = empty(self._device, (_LANES,), np.float32)
-        self._most(self._device.queue, (_LANES,), None, light.base_data, np.int64(light.size), found.base_data)
+        self._most(self._device.queue, (_LANES,), (_LANES,), light.base_data, np.int64(light.size), found.base_data)
         return float(found.get().max())
 
     def _upload(self, tiles: Tiles) -> tuple[_Lists, npt.NDArray[np.integer] | None]:
@@ -204,10 +205,10 @@ class TileCache:
             else:
                 self._staging = self._room(size[0])
                 held = (*self.textures[:4], self._staging)
-            events.append(self._fill(self._device.queue, size, None, *held, *read))
+            events.append(self._fill(self._device.queue, size, _GROUP, *held, *read))
             if self._place is not None:
                 placed = (*self.textures[:4], self._staging, lists.slots, np.int32(first), cache)
-                events.append(self._place(self._device.queue, size, None, *placed))
+                events.append(self._place(self._device.queue, size, _GROUP, *placed))
         for event in events:
             event.wait()
         return 1e-9 * sum(e.profile.end - e.profile.start for e in events)
