@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,7 +67,7 @@ class StreamedTexture:
         Raises InputError for a budget under what the coarsest level needs or over what an indirection texel addresses, a
         lod_distance not above 0 or whose windows do not fit the device; ValueError for a format that does not exist.
         """
-        _check_budget(table, budget, per_move)
+        _check_budget(table, budget, lod_distance, per_move)
         self.budget, slots = budget, min(budget, table.tiles)
         self._cache = TileCache(device, slots, storage, layout, order2=reconstruction == "l2")
         self._clipmap = Clipmap(device, table.level, table.finest, table.extent, lod_distance, self._cache.shape, slots)
@@ -210,12 +211,23 @@ class StreamedTexture:
         return found
 
 
-def _check_budget(table: TileTable, budget: int, per_move: int | None) -> None:
+def coarsest_need(table: TileTable, lod_distance: float) -> int:
+    """Tiles that every viewer in the world wants, wherever he is: all of the levels up to the coarsest that is asked for, that of the
+    world's far corner."""
+    across = float(np.linalg.norm(table.extent)) * table.finest
+    rings = max(0, math.ceil(math.log2(max(across / lod_distance, 1.0))))
+    return int((table.tile_level <= max(1, table.level - rings)).sum())
+
+
+def _check_budget(table: TileTable, budget: int, lod_distance: float, per_move: int | None) -> None:
     """Raises InputError for a budget that cannot work, naming one that does."""
-    least = int((table.tile_level == 1).sum())
+    if not lod_distance > 0.0:
+        raise InputError(f"lod_distance must be above 0 m, got {lod_distance}")
+    least = coarsest_need(table, lod_distance)
     if budget < least:
         raise InputError(
-            f"tile budget {budget}: the coarsest level of detail alone needs {least}; use at least {least}"
+            f"tile budget {budget}: the coarsest level of detail in use alone needs {least} tiles; give at least that many, or make "
+            f"sampling.lod_distance ({lod_distance:g} m) shorter"
         )
     if min(budget, table.tiles) > MAX_OFFSET**3:
         raise InputError(

@@ -6,12 +6,20 @@ import json
 from pathlib import Path
 
 import pytest
-from lightgauge.fastpath import device, probe
+from lightgauge.fastpath import device, probe, speed
 from lightgauge.reference import variant
 from lightgauge.reference.errors import EnvironmentLacks
-from lightgauge.validation import cli, doctor, machine
+from lightgauge.validation import cli, doctor, formats, machine
 
 Capture = pytest.CaptureFixture[str]
+SPEEDS: speed.Speeds = {"packed": 2e7, "split": 1e7, "images": 1e6}
+
+
+@pytest.fixture(autouse=True)
+def known_speed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Speeds are given, not measured (tests/validation/test_bench_fastpath.py does that), and remembered elsewhere."""
+    monkeypatch.setenv("LIGHTGAUGE_CACHE", str(tmp_path))
+    monkeypatch.setattr(speed, "measure_isolated", lambda _: SPEEDS)
 
 
 def test_healthy_machine(capsys: Capture) -> None:
@@ -30,6 +38,26 @@ def test_table_is_aligned(capsys: Capture) -> None:
     column = lines[0].index("state")
     rows = lines[1 : lines.index("")]
     assert rows and all(row[column - 1] == " " and row[column] != " " for row in rows)
+
+
+def test_the_faster_layout_is_chosen_and_remembered(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert cli.main(["doctor"]) == 0
+    assert "packed 20, split 10, images 1 M samples/s; runs use packed half" in capsys.readouterr().out
+    used = device.choose(device.list_devices(), None)
+    assert formats.sampling_format(used, "linear") == ("half", "packed")
+    monkeypatch.setattr(speed, "measure_isolated", lambda _: {"packed": 1e7, "split": 3e7})
+    (found,) = [item for item in doctor.examine().facts["opencl"] if item["index"] == used.index]
+    assert found["sampling"] == {"samples_per_s": {"packed": 1e7, "split": 3e7}, "storage": "half16", "layout": "split"}
+    assert formats.sampling_format(used, "linear") == ("half16", "split")
+
+
+def test_a_device_that_cannot_be_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(speed, "measure_isolated", lambda _: {})
+    examination = doctor.examine()
+    assert examination.ok
+    assert any(
+        check.name.startswith("layouts") and "not measured; runs use" in check.value for check in examination.checks
+    )
 
 
 def test_old_llvm_is_3_with_the_line(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:

@@ -84,8 +84,8 @@ def bake(
 
 
 def plain_samples(baked: Baked, texture: VirtualTexture, points: Points, offset: float | None = None) -> Samples:
-    """Samples of any texture of a baked scene as the device stores it, by the kernel's plain twin: no kernel is built for one use. offset: finest
-    voxels off surfaces, the scene's if None."""
+    """Samples of any texture of a baked scene as the device stores it, by the kernel's plain twin: no kernel is built for one use.
+    offset: finest voxels off surfaces, the scene's if None."""
     kept = dataclasses.replace(texture, texels=stored(texture.texels, baked.storage))
     where = lifted(baked.scene, texture, points, offset)
     return sample(kept, where, points.normals, reconstruction=baked.scene.settings.sampling.reconstruction)

@@ -1,14 +1,12 @@
 """Speed against accuracy: many placements of one scene on the same surfaces, lighting and ground truth.
 
-Adaptive octrees at several thresholds and depths, uniform grids, and one sample per mesh (what the talk starts from);
-each with its error, probes, bytes and update time, and whether it is on the Pareto front.
+Adaptive octrees at several thresholds and depths, uniform grids, and, at each depth, the same probes read in other ways
+(`chart_ways`); each with its error, probes, bytes, update time and sample cost, and whether it is on the Pareto front.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import statistics
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,40 +16,40 @@ import numpy as np
 
 from ..fastpath.device import OpenDevice, open_device
 from ..reference import pipeline
-from ..reference.datatypes import F64, Scene
+from ..reference.datatypes import F32, F64, I32, Scene
 from ..reference.errors import InputError
-from ..reference.lattice import Octree
+from ..reference.lattice import SHIFT, Octree
 from ..reference.progress import silent
-from ..reference.sh import irradiance
-from ..reference.transport.form_factors import probe_form_factors
-from ..reference.transport.gather import gather, upload
 from ..reference.truth.points import Points
 from ..reference.variant import ensure_variant
 from ..reference.visibility import build_geometry
 from . import cache
-from .bake import REPEATS, Baked, bake, sample_points
+from .bake import Baked, bake
+from .chart_rows import Target, Way, find_shade, measured_row
+from .chart_ways import way_rows
 from .ground_truth import GroundTruth, ground_truth
 from .metrics.error import measure_error
 from .progress_bar import ProgressBar
 from .provenance import provenance
-from .report.chart import pareto_front
+from .report.chart import costs, pareto_front
 from .report.page import write_report
 from .run import load_all, result_key
 
 THRESHOLDS = (0.5, 1.0, 2.0, 3.0)
 COARSER = (1, 2, 4)  # finest voxel, in multiples of the scene's
 UNIFORM = (3, 5, 9, 13, 17)
-COSTS = ("probes", "bytes", "update_ms")
+COSTS = ("probes", "bytes", "update_ms", "sample_ns")
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """One placement to measure. scene: with the setting's own controls."""
+    """One placement to measure. scene: with the setting's own controls. ways: its probes are read in other ways, too."""
 
     method: str
     name: str
     scene: Scene
     octree: Octree
+    ways: bool = False
 
 
 def chart_scenes(
@@ -89,13 +87,16 @@ def chart(scene: Scene, device: OpenDevice, seed: int, progress: ProgressBar) ->
     points, estimate = _points(scene, truth)
     surfaces = pipeline.bake_surfaces(scene, seed, progress)
     light = pipeline.light_patches(scene, surfaces, seed, progress)
+    pixels = max((v.points for v in truth.views.values()), key=lambda p: len(p.positions), default=points)
+    target = Target(points, estimate.irradiance, pixels, find_shade(scene, truth))
     rows = []
     chosen = list(settings(scene, surfaces, seed))
     for done, s in enumerate(chosen):
         progress("chart", done, len(chosen))
         baked = bake(s.scene, device, (surfaces, light), s.octree, seed, silent)
-        rows.append(_row(s, baked, sample_points(baked, points).irradiance.astype(np.float64), estimate.irradiance))
-    rows.append(per_mesh_row(scene, surfaces, light, points, estimate.irradiance, seed))
+        rows.append(_row(s, baked, target))
+        if s.ways:
+            rows += way_rows(baked, s.name, device, target)
     progress("chart", len(chosen), len(chosen))
     _mark_fronts(rows)
     assert estimate.l1 is not None
@@ -120,16 +121,16 @@ def _points(scene: Scene, truth: GroundTruth) -> tuple[Points, Any]:
 
 def settings(scene: Scene, surfaces: pipeline.Surfaces, seed: int) -> Iterator[Setting]:
     """Adaptive placements (threshold × depth), then uniform grids of 3³ to 17³ (nodes along the longest side)."""
-    own = pipeline.place(scene, surfaces, seed)
+    own, asked = pipeline.place(scene, surfaces, seed), scene.settings.placement.threshold
     seen: set[bytes] = set()
     for factor in COARSER:
-        for threshold in sorted({*THRESHOLDS, scene.settings.placement.threshold}):
+        for threshold in sorted({*THRESHOLDS, asked}, key=lambda t: (t != asked, t)):
             changed = with_placement(scene, min_voxel=own.grid.finest * factor, threshold=threshold)
             octree = pipeline.place(changed, surfaces, seed)
             key = octree.corners.tobytes()
             if key not in seen:  # thresholds may agree
                 seen.add(key)
-                yield Setting("adaptive", _name(threshold, octree), changed, octree)
+                yield Setting("adaptive", _name(threshold, octree), changed, octree, threshold == asked)
     lower, upper = pipeline.probe_bounds(scene, surfaces.geometry)
     for nodes in UNIFORM:
         octree = pipeline.place_uniform(scene, surfaces, uniform_voxel(float((upper - lower).max()), nodes))
@@ -139,8 +140,6 @@ def settings(scene: Scene, surfaces: pipeline.Surfaces, seed: int) -> Iterator[S
 
 def uniform_voxel(extent: float, nodes: int) -> float:
     """Voxel size, m, that puts `nodes` probes along `extent`, m, the outer ones beyond the bounds (see lattice.SHIFT)."""
-    from ..reference.lattice import SHIFT
-
     return extent / (nodes - 1 - 2 * SHIFT - 1e-6)
 
 
@@ -154,53 +153,19 @@ def with_placement(scene: Scene, **values: Any) -> Scene:
     return dataclasses.replace(scene, settings=scene.settings.model_copy(update={"placement": placement}))
 
 
-def per_mesh_row(
-    scene: Scene, surfaces: pipeline.Surfaces, light: pipeline.PatchLight, points: Points, batches: F64, seed: int
-) -> dict[str, Any]:
-    """One probe per mesh, at the middle of its bounds, lights all of the mesh (talk, "Per-mesh sampling"). A mesh whose
-    middle is inside something is black, as the talk shows."""
-    middles = np.stack([0.5 * (m.vertices.min(axis=0) + m.vertices.max(axis=0)) for m in scene.meshes])
-    s = scene.settings.placement
-    g, patches = surfaces.geometry, surfaces.patches
-    rows = probe_form_factors(g, patches, middles, s.probe_rays, seed + 3, silent)
-    held = upload(rows)
-    gather(held, light.radiosity.light)  # compiles
-    times = []
-    for _ in range(REPEATS):
-        begin = time.perf_counter()
-        coefficients = gather(held, light.radiosity.light)
-        times.append(1e3 * (time.perf_counter() - begin))
-    valid = rows.back_share <= s.backface_tolerance
-    coefficients = (coefficients + pipeline.punctual_input(scene, g, middles)) * valid[:, None, None]
-    m = measure_error(irradiance(coefficients[points.mesh], points.normals), batches)["relrmse"]
-    return {
-        "method": "per_mesh",
-        "setting": "one probe per mesh",
-        "probes": len(middles),
-        "valid_probes": int(valid.sum()),
-        "bytes": rows.bytes + coefficients.nbytes,
-        "update_ms": statistics.median(times),
-        "relrmse": {"value": m.value, "se": m.se, "n": m.n},
-    }
+def _row(s: Setting, baked: Baked, target: Target) -> dict[str, Any]:
+    """The virtual texture's own row; bytes are those of probe form factors and texture, what placement decides."""
+    size = int(baked.cost["probe_bytes"] + baked.cost["texture_bytes"])
 
+    def sampled(positions: F64, normals: F64, _: I32) -> F32:
+        return np.asarray(baked.sampler(positions, normals).irradiance, dtype=np.float32)
 
-def _row(s: Setting, baked: Baked, ours: F64, batches: F64) -> dict[str, Any]:
-    """One row of the chart; bytes are those of probe form factors and texture, what placement decides."""
-    m = measure_error(ours, batches)["relrmse"]
-    probes = int(baked.cost["real_probes"])
-    return {
-        "method": s.method,
-        "setting": s.name,
-        "probes": probes,
-        "valid_probes": int(baked.cost["valid_probes"]),
-        "bytes": int(baked.cost["probe_bytes"] + baked.cost["texture_bytes"]),
-        "update_ms": baked.cost["probe_update_ms"],
-        "relrmse": {"value": m.value, "se": m.se, "n": m.n},
-    }
+    way = Way(s.method, s.name, size, baked.cost["probe_update_ms"], baked.sampler, sampled)
+    return measured_row(baked, target, way)
 
 
 def _mark_fronts(rows: list[dict[str, Any]]) -> None:
     error = [r["relrmse"]["value"] for r in rows]
-    fronts = {c: pareto_front([r[c] for r in rows], error) for c in COSTS}
+    fronts = {c: pareto_front(costs(rows, c), error) for c in COSTS}
     for i, row in enumerate(rows):
         row["pareto"] = {c: bool(front[i]) for c, front in fronts.items()}

@@ -19,6 +19,7 @@ EXAMPLES = {
     "lightgauge run house --set placement.min_voxel=0.25 --seed 3\n"
     "lightgauge run two-rooms --set scene.rotation=30 --set placement.min_voxel=0.5 --explain-leaks --out /tmp/l\n"
     "lightgauge run two-rooms --bitmap edit.json\n"
+    "lightgauge run valley --fly orbit --tile-budget 2000 --out /tmp/f --json\n"
     "lightgauge run model.glb --set 'lights.sun.direction=[-0.4,-1,-0.3]'",
     "report": "lightgauge report\nlightgauge report --out /tmp/all --quiet",
     "chart": "lightgauge chart cornell\nlightgauge chart cornell --out /tmp/ch --json",
@@ -108,8 +109,21 @@ def _measuring(verbs: Any, name: str, text: str, out: str, *, scenes: bool) -> N
             action="store_true",
             help="say which walls leak, from which probes, and write and measure the bitmap edit that stops it",
         )
+        _flight(parser)
     _json(parser)
     _quiet(parser)
+
+
+def _flight(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--fly",
+        metavar="PATH",
+        help="also stream the tiles around a viewer who takes this path, and measure every frame: orbit, line or teleport",
+    )
+    parser.add_argument(
+        "--tile-budget", type=int, metavar="N", help="tiles that fit into the flight's cache (default 2000)"
+    )
+    parser.add_argument("--frames", type=int, metavar="N", help="frames of the flight (default 120)")
 
 
 def _bitmap(parser: argparse.ArgumentParser) -> None:

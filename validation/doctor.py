@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from ..fastpath import device, probe
+from ..fastpath import device, probe, speed
 from ..reference import variant
 from ..reference.errors import EnvironmentLacks
+from .formats import remember
 from .machine import cache_folder, folder_size, memory, size, usable_cores
 from .summary import plain, table
 
@@ -53,7 +54,8 @@ class Examination:
 
 
 def examine() -> Examination:
-    """Look at everything. Imports Dr.Jit and Mitsuba, runs no Dr.Jit kernel, and one tiny OpenCL kernel a device."""
+    """Look at everything. Imports Dr.Jit and Mitsuba, runs no Dr.Jit kernel; on each OpenCL device a tiny kernel and, for a
+    second, the sampler."""
     parts = [_python(), _packages(), _llvm(), _opencl(), _machine()]
     facts: dict[str, Any] = {}
     for _, found in parts:
@@ -146,9 +148,22 @@ def _opencl() -> Part:
             checks.append(_lacks("compute", f"OpenCL {info.index}", error, needed=used))
             facts.append({**asdict(info), "used": used, "probe": None})
             continue
-        facts.append({**asdict(info), "used": used, "probe": asdict(probed)})
+        measured = speed.measure_isolated(info)
+        if measured:
+            remember(info, measured)
+        storage, layout = speed.preferred(info, measured)
+        sampling = {"samples_per_s": measured, "storage": storage, "layout": layout}
+        facts.append({**asdict(info), "used": used, "probe": asdict(probed), "sampling": sampling})
         checks.append(_device_check(info, probed, used, "" if probed.ok else _other_device(info.index, devices)))
+        checks.append(_layout_check(info, measured, storage, layout))
     return checks, {"opencl": facts}
+
+
+def _layout_check(info: device.DeviceInfo, measured: speed.Speeds, storage: str, layout: str) -> Check:
+    """How fast each layout is sampled on a device, and which one runs use."""
+    rates = ", ".join(f"{name} {1e-6 * rate:.3g}" for name, rate in measured.items())
+    found = f"{rates} M samples/s" if rates else "not measured"
+    return Check("compute", f"layouts {info.index}", "info", f"{found}; runs use {layout} {storage}", needed=False)
 
 
 def _device_check(info: device.DeviceInfo, probed: probe.Probe, used: bool, mend: str) -> Check:

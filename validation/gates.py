@@ -25,13 +25,15 @@ Verdict = Literal["pass", "fail"]
 
 
 class Limit(BaseModel):
-    """One metric's limits, in the metric's unit."""
+    """One metric's limits, in the metric's unit. only_with: judged only for scenes whose result has this table, which a run makes on
+    request; where it is there, the metric must be too."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     min: float | None = None
     max: float | None = None
     allow_below_noise: bool = False
+    only_with: Literal["fly", "leaks"] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -140,6 +142,8 @@ def _judge_all(results: Results, gates: Gates) -> Iterator[Judgement]:
         for metric, limit in limits.items():
             reason = _scene_reason(scene)
             record = None if scene is None else scene.metrics.get(metric)
+            if not reason and limit.only_with and not getattr(scene, limit.only_with):
+                continue
             if reason:
                 yield Judgement(name, metric, "fail", reason, describe(limit))
             elif record is None:

@@ -48,6 +48,7 @@ def measure_scene(
         "status": "ok",
         "metrics": found.metrics | placement.metrics | grids.metrics,
         "cost": {**_costs(baked, truth, clock.seconds), **grids.cost},
+        "sampling": {"storage": baked.storage, "layout": baked.layout, "device": device.info.name},
         "counts_by_level": _levels(baked),
         "maps": voxel_maps(scene, octree, bitmap),
         **placement.tables,

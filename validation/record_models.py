@@ -114,15 +114,54 @@ class GridError(Open):
     placement_error: NonNegative
 
 
+class FlightLevel(Open):
+    """A level during a flight (0: no light). points: that it answered. relrmse, relrmse_finest: against truth there, in flight
+    and with the finest level everywhere; off_finest: the one against the other."""
+
+    level: Count
+    voxel_m: NonNegative | None = None
+    points: Count
+    relrmse: Metric | None = None
+    relrmse_finest: Metric | None = None
+    off_finest: Metric | None = None
+
+
+class Flight(Open):
+    """A flight through streamed tiles (validation/flight). budget: tiles in the cache; tiles: of the world. blend: share of each
+    level's reach over which the columns and figures with `_blend` mix two. summary: figures by name. per_frame: columns of
+    `frames` numbers, among them wanted, resident, loaded, evicted, missing, hits, bytes, shifted_lods, host_ms, device_ms,
+    sample_ns, wrong_reads, fell, unexplained, pop. viewer: positions, m, by frame. places: x, y, z, m, of the watched points and
+    the worst pop of each, ascending."""
+
+    path: str
+    frames: Count
+    budget: Count
+    tiles: Count
+    levels: Count
+    lod_distance_m: NonNegative
+    blend: NonNegative
+    storage: str
+    points: Count
+    cache_bytes: Count
+    summary: dict[str, Metric]
+    per_frame: dict[str, list[float]]
+    viewer: list[Triple]
+    places: list[Annotated[list[float], Field(min_length=4, max_length=4)]]
+    levels_used: list[FlightLevel] = []
+    notes: list[str] = []
+
+
 class SceneResult(Open):
     """What was found out about one scene; `error` says why where `status` is failed. leaks: walls, leaking places and the edit
-    that stops them (validation/leaks/explain.py)."""
+    that stops them (validation/leaks/explain.py). fly: a flight, None where none was asked for. sampling: storage, layout and device
+    that it was sampled with."""
 
     name: str
     status: Literal["ok", "failed"]
     error: str = ""
     metrics: dict[str, Metric] = {}
     cost: dict[str, float | str | bool | None] = {}
+    sampling: dict[Literal["storage", "layout", "device"], str] = {}
     counts_by_level: list[LevelCount] = []
     maps: list[VoxelMap] = []
     lods: list[LodRow] = []
@@ -131,6 +170,7 @@ class SceneResult(Open):
     grids: list[GridError] = []
     worst: list[WorstPlace] = []
     leaks: JsonObject = {}
+    fly: Flight | None = None
     verdicts: list[Any] = []
     files: JsonObject = {}
     notes: list[str] = []
@@ -145,15 +185,20 @@ class ChartValue(Open):
 
 
 class ChartRow(Open):
-    """One setting of one method. bytes: bake. pareto: on the front of this cost."""
+    """One setting of one method. bytes: bake. sample_ns: device time of a sample. leak, overdark: at the points of cameras
+    and surfaces, for a scene with dark boxes. remark: what else there is to know. pareto: on the front of this cost."""
 
     method: str
     setting: str
     probes: Count
     bytes: Count
     update_ms: NonNegative
+    sample_ns: NonNegative | None = None
     relrmse: ChartValue
-    pareto: dict[Literal["probes", "bytes", "update_ms"], bool] = {}
+    leak: ChartValue | None = None
+    overdark: ChartValue | None = None
+    remark: str = ""
+    pareto: dict[Literal["probes", "bytes", "update_ms", "sample_ns"], bool] = {}
 
 
 class Chart(Open):

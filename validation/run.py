@@ -15,6 +15,8 @@ from ..reference.errors import InputError
 from ..reference.scene import load_scene
 from ..reference.variant import ensure_variant
 from . import cache
+from .flight.plan import FlightPlan
+from .flight.story import with_flight
 from .leaks.story import recalled_story, write_story
 from .measure import measure_scene
 from .progress_bar import ProgressBar
@@ -28,10 +30,11 @@ MEASURED_BY = ("reference", "fastpath", "validation/metrics")
 
 def run_scenes(
     sources: Sequence[Path], overrides: Mapping[str, Any], seed: int, out: Path, quiet: bool, command: str,
-    explain: Explain | None = None,
+    explain: Explain | None = None, flight: FlightPlan | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Measure every scene and write the report into `out`; returns the results object. explain: the command line that applies the
     edit of a scene, by the number of its source and its name; with it leaks are explained and the files of `leaks.story` written.
+    flight: the flight that is flown through each scene.
 
     All scenes are read before the first is measured. Raises InputError for bad input, EnvironmentLacks for a machine
     that cannot run; on Ctrl-C what is finished stays in the cache, and the same command goes on from there.
@@ -47,6 +50,8 @@ def run_scenes(
                 story = recalled_story(result_key(scene, seed), scene, device, seed, progress)
                 written = write_story(out, scene.name, story, explain(number, scene.name))
                 record = {**record, "leaks": written["leaks"], "files": {**record["files"], **written["files"]}}
+            if flight is not None and record["status"] == "ok":
+                record = _flown(record, flight, scene, device, seed, progress, alone=len(scenes) == 1)
         records.append(record)
         views += pictures
     results = {
@@ -56,6 +61,18 @@ def run_scenes(
         "charts": kept_charts(scenes, seed),
     }
     return write_report(out, results, views)
+
+
+def _flown(
+    record: dict[str, Any], flight: FlightPlan, scene: Scene, device: OpenDevice, seed: int, progress: ProgressBar, alone: bool
+) -> dict[str, Any]:  # fmt: skip
+    """The record with the scene's flight. A flight that cannot be flown fails its scene alone, unless it is `alone`."""
+    try:
+        return with_flight(record, result_key(scene, seed), flight, scene, device, seed, progress)
+    except InputError as error:
+        if alone:
+            raise
+        return {**record, "status": "failed", "error": str(error)}
 
 
 def load_all(sources: Sequence[Path], overrides: Mapping[str, Any]) -> list[Scene]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 COLUMNS = ("scene", "status", "relrmse", "floor_l1", "leak", "probes", "bake_s")
-CHART_COLUMNS = ("scene", "method", "setting", "probes", "bytes", "update_ms", "relrmse", "front")
+CHART_COLUMNS = ("scene", "method", "setting", "probes", "bytes", "update_ms", "sample_ns", "relrmse", "front")
 DASH = "-"
 
 
@@ -72,7 +72,7 @@ def _row(scene: Mapping[str, Any]) -> list[str]:
 def charts_table(charts: Sequence[Mapping[str, Any]]) -> str:
     """One line a setting, and under each chart its L1 floor and the reference's noise.
 
-    front: the costs (probes, bytes, update time) at which no other setting is as good in both cost and error.
+    front: the costs (probes, bytes, update time, sample cost) at which no other setting is as good in both cost and error.
     """
     if not charts:
         return "nothing was measured"
@@ -93,6 +93,7 @@ def _chart_row(row: Mapping[str, Any]) -> list[str]:
         number(row.get("probes")),
         number(row.get("bytes")),
         number(row.get("update_ms")),
+        number(row.get("sample_ns")),
         interval(row.get("relrmse")),
         ", ".join(plain(str(cost)) for cost in on) or DASH,
     ]

@@ -8,9 +8,12 @@ import sys
 from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..reference.errors import InputError
+
+if TYPE_CHECKING:
+    from .flight.plan import FlightPlan
 
 GOOD, FAILED, BAD_INPUT, LACKING, OUR_FAULT, STOPPED = 0, 1, 2, 3, 4, 130
 
@@ -37,10 +40,13 @@ def doctor(arguments: Namespace) -> int:
 
 def run(arguments: Namespace) -> int:
     """The main job on the named scenes."""
+    from .flight.plan import flight_plan
     from .sources import resolve_scene
 
+    flight = flight_plan(arguments.fly, arguments.tile_budget, arguments.frames)
     sources = [resolve_scene(name) for name in arguments.scene]
-    return _measure(arguments, sources, _explaining(arguments) if arguments.explain_leaks else _run_scenes)
+    more = arguments.explain_leaks or flight is not None
+    return _measure(arguments, sources, _running(arguments, flight) if more else _run_scenes)
 
 
 def report(arguments: Namespace) -> int:
@@ -63,8 +69,8 @@ def _run_scenes(*values: Any) -> dict[str, Any]:
     return run_scenes(*values)
 
 
-def _explaining(arguments: Namespace) -> Callable[..., dict[str, Any]]:
-    """The run that also explains leaks."""
+def _running(arguments: Namespace, flight: FlightPlan | None) -> Callable[..., dict[str, Any]]:
+    """The run, with what else was asked of it: leaks explained, a flight."""
 
     def work(
         paths: list[Path], overrides: dict[str, Any], seed: int, out: Path, quiet: bool, line: str
@@ -77,7 +83,8 @@ def _explaining(arguments: Namespace) -> Callable[..., dict[str, Any]]:
         def command(number: int, name: str) -> str:
             return edited_command(arguments, typed[number], out, name)
 
-        return run_scenes(paths, overrides, seed, out, quiet, line, command)
+        explain = command if arguments.explain_leaks else None
+        return run_scenes(paths, overrides, seed, out, quiet, line, explain, flight)
 
     return work
 
@@ -115,6 +122,10 @@ def _measure(arguments: Namespace, sources: list[Path], work: Callable[..., dict
             from .leaks.text import leaks_text
 
             print(leaks_text(results))
+        if any(scene.get("fly") for scene in results["scenes"]):
+            from .flight.text import flights_text
+
+            print(flights_text(results))
     return GOOD if all(scene["status"] == "ok" for scene in results["scenes"]) else FAILED
 
 

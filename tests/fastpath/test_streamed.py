@@ -16,7 +16,7 @@ import pytest
 from lightgauge.fastpath.device import OpenDevice, open_device
 from lightgauge.fastpath.residency import wanted_tiles
 from lightgauge.fastpath.sampler import Sampler
-from lightgauge.fastpath.streamed import StreamedTexture, working_set
+from lightgauge.fastpath.streamed import StreamedTexture, coarsest_need, working_set
 from lightgauge.reference.datatypes import F32, F64, Samples, TileTable, Viewer, VirtualTexture
 from lightgauge.reference.errors import InputError
 from lightgauge.reference.volume.clipmap import resident_texture, sample_resident, window_texels
@@ -331,7 +331,7 @@ def test_frames_leave_no_memory_behind(device: OpenDevice, world: World) -> None
 def test_bad_input(device: OpenDevice, world: World) -> None:
     table = world.table
     for budget in (0, -5):
-        with pytest.raises(InputError, match="coarsest level of detail alone needs 1; use at least 1"):
+        with pytest.raises(InputError, match="coarsest level of detail in use alone needs 1 tiles"):
             StreamedTexture(device, table, budget, D0)
     for distance in (0.0, -1.0, math.nan):
         with pytest.raises(InputError, match="lod_distance must be above 0"):
@@ -377,3 +377,16 @@ def test_a_texture_that_fits_whole_is_the_whole_texture(device: OpenDevice, worl
     assert isinstance(got, Samples)
     np.testing.assert_array_equal(got.level, expected.level)
     np.testing.assert_allclose(got.irradiance, expected.irradiance, rtol=0, atol=1e-6)
+
+
+def test_a_budget_must_hold_the_coarsest_level_in_use(device: OpenDevice, world: World) -> None:
+    """A long lod_distance asks for fine tiles everywhere: all of them up to the level of the world's far corner must fit."""
+    table = world.table
+    across = float(np.linalg.norm(table.extent)) * table.finest
+    for rings in (0, 1, 2):
+        distance = 1.001 * across / 2**rings
+        need = int((table.tile_level <= table.level - rings).sum())
+        assert coarsest_need(table, distance) == need > 1
+        with pytest.raises(InputError, match=f"alone needs {need} tiles"):
+            StreamedTexture(device, table, need - 1, distance)
+        StreamedTexture(device, table, need, distance)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from itertools import pairwise
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from lightgauge.validation.record_models import JsonObject
-from lightgauge.validation.report.chart import draw_chart, pareto_front
+from lightgauge.validation.report.chart import draw_chart, fronts, pareto_front
 from lightgauge.validation.report.svg import LogScale, padded, ticks
 
 
@@ -108,3 +109,28 @@ def test_error_bars_are_drawn_to_two_standard_errors(chart: Callable[..., JsonOb
     per_e = (noise - floor) / np.log(0.091 / 0.0171)
     value, se = made["rows"][0]["relrmse"]["value"], made["rows"][0]["relrmse"]["se"]
     assert abs(high - low) == pytest.approx(per_e * np.log((value + 2 * se) / (value - 2 * se)), abs=0.1)
+
+
+def test_a_panel_of_sample_costs_where_any_is_known(chart: Callable[..., JsonObject]) -> None:
+    """Other methods have marks of their own, the legend goes on in a second line, and every mark stays in its panel."""
+    made = chart()
+    methods = ("adaptive", "uniform", "per_mesh", "chebyshev", "ratio_l1", "fixed_point", "something else")
+    for i, row in enumerate(made["rows"]):
+        row |= {"method": methods[i % len(methods)], "sample_ns": None if i == 3 else 20.0 + 7.0 * i, "remark": "noted"}
+    root = ElementTree.fromstring(draw_chart(made))
+    panels = [e for e in root.iter("{http://www.w3.org/2000/svg}rect") if e.get("fill") == "none"]
+    words = [e.text for e in root.iter("{http://www.w3.org/2000/svg}text")]
+    titles = [e.text or "" for e in root.iter("{http://www.w3.org/2000/svg}title")]
+    assert sum(w == "sample cost" for w in words) == 1 and any(w == "100 ns" for w in words)
+    framed = sorted({(float(e.get("x", "0")), float(e.get("width", "0"))) for e in panels if e.get("height") == "380"})
+    assert len(framed) == 4 and all(a + w < b for (a, w), (b, _) in pairwise(framed))
+    assert sum("n=27:" in t for t in titles) == 4
+    assert sum("sample" in t and "noted" in t for t in titles) == 4 * (len(made["rows"]) - 1)
+    shapes = {e.get("points", "").count(" ") for e in root.iter("{http://www.w3.org/2000/svg}polygon")}
+    assert len(shapes) >= 3
+    right = float(root.attrib["viewBox"].split()[2])
+    legend = [e for e in root.iter("{http://www.w3.org/2000/svg}text") if float(e.get("y", "99")) < 44]
+    assert len({e.get("y") for e in legend}) == 2
+    assert all(float(e.get("x", "0")) + 0.5 * 13 * len(e.text or "") < right for e in legend)
+    on = fronts(made["rows"])
+    assert set(on) == {"probes", "bytes", "update", "sample"} and not on["sample"][3]

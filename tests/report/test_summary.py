@@ -27,7 +27,17 @@ def test_charts_alone_show_their_settings(results: Make, chart: Make) -> None:
         row["pareto"] = {"probes": i == 0, "bytes": False, "update_ms": i == 0}
     lines = results_table({**results(), "charts": [made]}).splitlines()
     assert len(lines) == 1 + 12 + 1
-    assert lines[0].split() == ["scene", "method", "setting", "probes", "bytes", "update_ms", "relrmse", "front"]
+    assert lines[0].split() == [
+        "scene",
+        "method",
+        "setting",
+        "probes",
+        "bytes",
+        "update_ms",
+        "sample_ns",
+        "relrmse",
+        "front",
+    ]
     assert lines[1].split()[:4] == ["cornell", "uniform", "n=27", "27"] and lines[1].endswith("probes, update_ms")
     assert "± 0.006" in lines[1] and lines[2].endswith(" -")
     assert lines[-1].startswith("cornell: L1 floor 0.091 ± 0.002, reference noise 0.0171")

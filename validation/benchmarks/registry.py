@@ -30,7 +30,18 @@ def placement() -> tuple[Group, ...]:
     return (*eta_rows.GROUPS, *scheme_rows.GROUPS, *place_rows.GROUPS, *leak_rows.GROUPS, *culling_rows.GROUPS)
 
 
-BENCHES: dict[str, Callable[[], tuple[Group, ...]]] = {"transport": transport, "placement": placement}
+def fastpath() -> tuple[Group, ...]:
+    """Sampling, streaming and lighting of the virtual texture on the device."""
+    from . import fastpath_rows, stream_rows
+
+    return (*fastpath_rows.GROUPS, *stream_rows.GROUPS)
+
+
+BENCHES: dict[str, Callable[[], tuple[Group, ...]]] = {
+    "transport": transport,
+    "placement": placement,
+    "fastpath": fastpath,
+}
 
 
 def chosen(names: Sequence[str], rows: Sequence[str]) -> tuple[list[str], list[Group], frozenset[str]]:

@@ -1,4 +1,4 @@
-"""Speed against accuracy: relRMSE with its interval against probes, bytes and update time, all logarithmic.
+"""Speed against accuracy: relRMSE with its interval against probes, bytes, update time and sample cost, all logarithmic.
 
 Drawn straight as SVG: the same input gives the same bytes, and the drawing suits a light and a dark page. Each mark is
 a setting (its name appears under the pointer) with a bar of ± 2 standard errors, the stepped line the Pareto front, the
@@ -21,14 +21,33 @@ from .words import amount, percent
 WIDTH, HEIGHT = 1140.0, 500.0
 TOP, BOTTOM, LEFT, PANEL, GAP = 56.0, 436.0, 64.0, 300.0, 42.0
 LINE = 15.0  # from one line of text to the next
-COSTS = (("probes", "probes"), ("bytes", "bytes of the bake"), ("update_ms", "update time"))
-FRONTS = {"probes": "probes", "bytes": "bytes", "update_ms": "time"}
+WIDE = LEFT + 3 * PANEL + 2 * GAP  # where the last panel ends, however many there are
+COSTS = (
+    ("probes", "probes"),
+    ("bytes", "bytes of the bake"),
+    ("update_ms", "update time"),
+    ("sample_ns", "sample cost"),
+)
+FRONTS = {"probes": "probes", "bytes": "bytes", "update_ms": "update", "sample_ns": "sample"}
 METHODS = {
-    "adaptive": ("adaptive octree", "#3b82d6", "circle"),
+    "adaptive": ("virtual texture, octree", "#3b82d6", "circle"),
     "uniform": ("uniform grid", "#cf6d10", "square"),
     "per_mesh": ("one sample a mesh", "#2e9e5b", "triangle"),
+    "chebyshev": ("eight loads with visibility", "#b0499f", "inverted"),
+    "ratio_l1": ("L1 as ratios, 16 bytes", "#8d7a0b", "bowtie"),
+    "fixed_point": ("8-bit fractions", "#c23b3b", "plus"),
 }
 OTHER = ("#8a8f98", "diamond")
+# Corners in radii of a mark, y down.
+POLYGONS = {
+    "triangle": ((0.0, -1.2), (1.1, 0.8), (-1.1, 0.8)),
+    "inverted": ((0.0, 1.2), (1.1, -0.8), (-1.1, -0.8)),
+    "diamond": ((0.0, -1.2), (1.2, 0.0), (0.0, 1.2), (-1.2, 0.0)),
+    "bowtie": ((-1.1, -1.0), (1.1, 1.0), (1.1, -1.0), (-1.1, 1.0)),
+    "plus": ((-0.4, -1.2), (0.4, -1.2), (0.4, -0.4), (1.2, -0.4), (1.2, 0.4), (0.4, 0.4), (0.4, 1.2), (-0.4, 1.2), (-0.4, 0.4),
+             (-1.2, 0.4), (-1.2, -0.4), (-0.4, -0.4)),
+}  # fmt: skip
+TICK = 50.0  # least width for the words of one
 Row = Mapping[str, Any]
 Bands = list[tuple[str, float]]
 
@@ -53,7 +72,8 @@ def draw_chart(chart: Mapping[str, Any]) -> str:
         if value > 0.0:
             bands.append((name, value))
     y = LogScale(*_error_range(rows, bands), BOTTOM, TOP)
-    panels = [_panel(rows, i, y, bands) for i in range(len(COSTS))]
+    shown = charted(rows)
+    panels = [_panel(rows, shown, i, y, bands) for i in range(len(shown))]
     title = f"Relative RMS error against cost, {chart['scene']}"
     return tag(
         "svg", tag("title", escaped(title)), _legend(rows), *panels, *_band_names(bands, y),
@@ -67,15 +87,21 @@ def _error_range(rows: Sequence[Row], bands: Bands) -> tuple[float, float]:
     return padded([v for v in values if v > 0.0] + [v for _, v in bands], 1.2)
 
 
-def _panel(rows: Sequence[Row], index: int, y: LogScale, bands: Bands) -> str:
-    key, label = COSTS[index]
-    left = LEFT + index * (PANEL + GAP)
-    positive = [float(row[key]) for row in rows if float(row[key]) > 0.0]
-    x = LogScale(*padded(positive, 1.5), left, left + PANEL)
+def charted(rows: Sequence[Row]) -> list[tuple[str, str]]:
+    """The costs that a panel is drawn for, key and words: those that some row knows, or the first three where there is no row."""
+    return [cost for i, cost in enumerate(COSTS) if i < 3 or any(row.get(cost[0]) is not None for row in rows)]
+
+
+def _panel(rows: Sequence[Row], shown: Sequence[tuple[str, str]], index: int, y: LogScale, bands: Bands) -> str:
+    key, label = shown[index]
+    width = (WIDE - LEFT - (len(shown) - 1) * GAP) / len(shown)
+    left = LEFT + index * (width + GAP)
+    known = [row for row in rows if row.get(key) is not None]
+    x = LogScale(*padded([float(row[key]) for row in known if float(row[key]) > 0.0], 1.5), left, left + width)
     parts = _bands(bands, x, y) + _axes(x, y, key, label, index == 0)
     mask = on_front(rows, key)
     parts.append(_front([row for row, on in zip(rows, mask, strict=True) if on], key, x, y))
-    parts += [_mark(row, key, x, y) for row in rows]
+    parts += [_mark(row, key, x, y) for row in known]
     return tag("g", *parts)
 
 
@@ -83,12 +109,17 @@ def on_front(rows: Sequence[Row], key: str) -> npt.NDArray[np.bool_]:
     """(N,) bool: on the front of cost `key`, as the record says, or worked out where it does not."""
     if all(key in row.get("pareto", {}) for row in rows):
         return np.array([row["pareto"][key] for row in rows], np.bool_)
-    return pareto_front([float(row[key]) for row in rows], [float(row["relrmse"]["value"]) for row in rows])
+    return pareto_front(costs(rows, key), [float(row["relrmse"]["value"]) for row in rows])
+
+
+def costs(rows: Sequence[Row], key: str) -> npt.NDArray[np.float64]:
+    """(N,) of one cost, NaN where a row does not know it."""
+    return np.array([np.nan if row.get(key) is None else float(row[key]) for row in rows], np.float64)
 
 
 def fronts(rows: Sequence[Row]) -> dict[str, npt.NDArray[np.bool_]]:
     """`on_front` for each cost, by a short name of the cost."""
-    return {FRONTS[key]: on_front(rows, key) for key, _ in COSTS}
+    return {FRONTS[key]: on_front(rows, key) for key, _ in charted(rows)}
 
 
 def _bands(bands: Bands, x: LogScale, y: LogScale) -> list[str]:
@@ -96,7 +127,15 @@ def _bands(bands: Bands, x: LogScale, y: LogScale) -> list[str]:
     for _, value in bands:
         at = y(value)
         parts.append(
-            tag("rect", x=x.start, y=at, width=PANEL, height=BOTTOM - at, fill="currentColor", fill_opacity=0.07)
+            tag(
+                "rect",
+                x=x.start,
+                y=at,
+                width=x.end - x.start,
+                height=BOTTOM - at,
+                fill="currentColor",
+                fill_opacity=0.07,
+            )
         )
         parts.append(
             tag("line", x1=x.start, x2=x.end, y1=at, y2=at, stroke="currentColor", stroke_opacity=0.6,
@@ -107,7 +146,7 @@ def _bands(bands: Bands, x: LogScale, y: LogScale) -> list[str]:
 
 def _band_names(bands: Bands, y: LogScale) -> list[str]:
     """Name and value of each band, beside its line in the right margin, pushed down where they would touch."""
-    x, free, parts = LEFT + len(COSTS) * PANEL + (len(COSTS) - 1) * GAP + 8.0, 0.0, []
+    x, free, parts = WIDE + 8.0, 0.0, []
     for name, value in sorted(bands, key=lambda band: -band[1]):
         at = max(y(value) + 4.0, free)
         for line in (*name.splitlines(), percent(value)):
@@ -124,12 +163,12 @@ def _axes(x: LogScale, y: LogScale, key: str, label: str, first: bool) -> list[s
         parts.append(tag("line", x1=x.start, x2=x.end, y1=at, y2=at, stroke="currentColor", stroke_opacity=0.13))
         if first:
             parts.append(text(f"{100.0 * value:g} %", x.start - 8, at + 4, text_anchor="end"))
-    for value in ticks(x.low, x.high, binary=key == "bytes", most=6):
+    for value in ticks(x.low, x.high, binary=key == "bytes", most=int((x.end - x.start) / TICK)):
         at = x(value)
         parts.append(tag("line", x1=at, x2=at, y1=TOP, y2=BOTTOM, stroke="currentColor", stroke_opacity=0.13))
         parts.append(text(tick_label(key, value), at, BOTTOM + 19, text_anchor="middle"))
     parts.append(
-        tag("rect", x=x.start, y=TOP, width=PANEL, height=BOTTOM - TOP, fill="none", stroke="currentColor",
+        tag("rect", x=x.start, y=TOP, width=x.end - x.start, height=BOTTOM - TOP, fill="none", stroke="currentColor",
             stroke_opacity=0.4)
     )  # fmt: skip
     middle = (x.start + x.end) / 2.0
@@ -143,6 +182,8 @@ def tick_label(key: str, value: float) -> str:
     """A round value, written as briefly as it can be."""
     if key == "probes":
         return f"{value / 1000.0:g}k" if value >= 1000.0 else f"{value:g}"
+    if key == "sample_ns":
+        return f"{value:g} ns" if value < 1000.0 else f"{value / 1000.0:g} µs"
     return amount(key, value) if key == "bytes" else f"{value:g} ms" if value < 1000.0 else f"{value / 1000.0:g} s"
 
 
@@ -165,6 +206,9 @@ def _mark(row: Row, key: str, x: LogScale, y: LogScale) -> str:
         f"{amount('probes', row['probes'])} probes, {amount('bytes', row['bytes'])}, "
         f"update {amount('update_ms', row['update_ms'])}"
     )
+    if row.get("sample_ns") is not None:
+        said += f", sample {amount('sample_ns', row['sample_ns'])}"
+    said += f"; {row['remark']}" if row.get("remark") else ""
     title = tag("title", escaped(said))
     return tag("g", title, _shape(shape, at, level, colour, hollow=value <= 0.0), _bar(at, low, high, colour))
 
@@ -181,17 +225,20 @@ def _shape(shape: str, x: float, y: float, colour: str, hollow: bool = False, r:
         return tag("circle", cx=x, cy=y, r=r, **paint)
     if shape == "square":
         return tag("rect", x=x - r * 0.9, y=y - r * 0.9, width=r * 1.8, height=r * 1.8, **paint)
-    triangle, diamond = ((0.0, -1.2), (1.1, 0.8), (-1.1, 0.8)), ((0.0, -1.2), (1.2, 0.0), (0.0, 1.2), (-1.2, 0.0))
-    corners = triangle if shape == "triangle" else diamond
-    return tag("polygon", points=" ".join(f"{x + r * a:.2f},{y + r * b:.2f}" for a, b in corners), **paint)
+    return tag("polygon", points=" ".join(f"{x + r * a:.2f},{y + r * b:.2f}" for a, b in POLYGONS[shape]), **paint)
 
 
 def _legend(rows: Sequence[Row]) -> str:
-    parts, x = [], LEFT + 20.0
+    parts, x, y = [], LEFT + 20.0, 14.0
     for method in dict.fromkeys(row["method"] for row in rows):
         label, colour, shape = METHODS.get(method, (method, *OTHER))
-        parts += [_shape(shape, x, 20.0, colour), text(label, x + 12.0, 24.5)]
-        x += 40.0 + 7.6 * len(label)
-    parts.append(tag("line", x1=x, x2=x + 26.0, y1=20.0, y2=20.0, stroke="currentColor", stroke_width=1.6))
-    parts += [text("Pareto front", x + 32.0, 24.5), text("bars: ± 2 standard errors", x + 138.0, 24.5)]
+        width = 40.0 + 7.0 * len(label)
+        if x + width > WIDTH:
+            x, y = LEFT + 20.0, y + 20.0
+        parts += [_shape(shape, x, y, colour), text(label, x + 12.0, y + 4.5)]
+        x += width
+    if x + 320.0 > WIDTH:
+        x, y = LEFT + 20.0, y + 20.0
+    parts.append(tag("line", x1=x, x2=x + 26.0, y1=y, y2=y, stroke="currentColor", stroke_width=1.6))
+    parts += [text("Pareto front", x + 32.0, y + 4.5), text("bars: ± 2 standard errors", x + 138.0, y + 4.5)]
     return tag("g", *parts)

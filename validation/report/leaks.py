@@ -116,7 +116,7 @@ def draw_plan(plan: Mapping[str, Any]) -> str:
         cx, cy = at(x, y)
         radius = RADII[0] + (RADII[1] - RADII[0]) * math.sqrt(strength / strongest)
         parts.append(tag("circle", cx=cx, cy=cy, r=radius, fill=LEAK, fill_opacity=0.75))
-    parts += _ruler(x1 - x0, scale, height)
+    parts += ruler(x1 - x0, scale, height)
     across, down = (AXES[i] for i in plan["axes"])
     cut = next(name for name in AXES if name not in (across, down))
     label = f"plan: {across} to the right, {down} down, surfaces cut at {cut} = {plan['at']:.2f} m"
@@ -158,7 +158,7 @@ def _diamond(x: float, y: float) -> str:
     return tag("path", d=corners, fill=PROBE, stroke="currentColor", stroke_width=0.8)
 
 
-def _ruler(metres: float, scale: float, height: float) -> list[str]:
+def ruler(metres: float, scale: float, height: float) -> list[str]:
     """A round length, a fifth of the drawing or less."""
     decade = 10.0 ** math.floor(math.log10(metres / 5.0))
     length = max(m * decade for m in (1.0, 2.0, 5.0) if m * decade <= metres / 5.0)

@@ -28,6 +28,7 @@ from .pictures import ERROR_STOPS, SceneView
 from .sections import scene_section, summary_row
 from .svg import printable, tag
 from .verdict import badness
+from .words import percent
 
 TEMPLATES = Path(__file__).with_name("templates")
 
@@ -123,10 +124,15 @@ def chart_context(chart: Mapping[str, Any]) -> JsonObject:
             **row,
             "words": METHODS[row["method"]][0] if row["method"] in METHODS else row["method"],
             "fronts": ", ".join(label for label, front in on.items() if front[i]),
+            "sample": "" if row.get("sample_ns") is None else f"{row['sample_ns']:.3g}",
+            "note": row.get("remark", ""),
+            "leaked": percent(row["leak"]["value"]) if row.get("leak") else "",
+            "lost": percent(row["overdark"]["value"]) if row.get("overdark") else "",
         }
         for i, row in enumerate(chart["rows"])
     ]
-    return {"scene": chart["scene"], "svg": Markup(draw_chart(chart)), "rows": rows}
+    leaks = any(row.get("leak") for row in chart["rows"])
+    return {"scene": chart["scene"], "svg": Markup(draw_chart(chart)), "rows": rows, "leaks": leaks}
 
 
 def provenance(given: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -11,6 +11,7 @@ import numpy as np
 from ..record_models import JsonObject
 from .bitmap_pictures import map_colours, map_context
 from .embed import broken_pixels, data_uri, fallback, pixels
+from .flight import flight_context
 from .leaks import leaks_context
 from .overlay import Colour, draw_probes, level_colours, surface_marks
 from .pictures import SceneView, png_bytes
@@ -85,6 +86,7 @@ def scene_section(
         "levels": level_rows(scene, level_colours(drawn) or colours),
         "maps": map_context(scene, colours),
         "leaks": leaks_context(scene.get("leaks")),
+        "fly": flight_context(scene.get("fly")),
         "lods": lod_rows(scene),
         "grids": grid_rows(scene),
         "sweeps": sweeps_context(scene),
