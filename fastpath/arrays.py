@@ -29,8 +29,10 @@ def check_triples(name: str, value: Any, count: int | None = None) -> int:
         )
     if np.dtype(dtype).kind != "f":
         raise ValueError(f"{name}: expected floats, got {dtype}")
-    if is_on_device(value) and (dtype != np.float32 or not value.flags.c_contiguous):
-        raise ValueError(f"{name}: on the device expected float32 in C order, got {dtype}")
+    if is_on_device(value) and (dtype != np.float32 or not value.flags.c_contiguous or value.offset != 0):
+        raise ValueError(
+            f"{name}: on the device expected float32 in C order from a buffer's start, got {dtype}, a view perhaps"
+        )
     return int(shape[0])
 
 

@@ -19,7 +19,8 @@ import numpy.typing as npt
 from ..reference.datatypes import F32, I32, DistanceMaps, RatioTexels, Samples, Storage, VirtualTexture
 from .arrays import check_triples, empty, uploaded
 from .device import OpenDevice, pyopencl_module
-from .launch import Lattice, grid_words, grouped
+from .grid import Lattice, grid_words
+from .launch import grouped
 from .layout import build_options, cache_textures, check_format, exposure
 from .programs import program
 from .sampler import lod_table

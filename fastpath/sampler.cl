@@ -1,4 +1,4 @@
-/* One sample of the 3D virtual texture per work item: the kernel whose specification is reference/volume/sampler.py.
+/* Samples of the 3D virtual texture: the kernel whose specification is reference/volume/sampler.py.
  *
  *   cell, fraction = position on the lattice of finest voxels, integer and rest
  *   texel = indirection[lod][cell / tile edge]      8 bits of tile offset per axis, 8 bits of level
@@ -17,6 +17,10 @@
 #include "reconstruct.clh"
 
 #pragma OPENCL FP_CONTRACT ON
+
+#ifndef LANES
+#define LANES 1
+#endif
 typedef struct {
     Texel light;
     Texel band2;
@@ -42,6 +46,13 @@ typedef struct {
 #define OWNERS_OF
 #endif
 
+/* 1 if the slot that a voxel was read from holds the tile of another place. */
+INLINE int belongs_elsewhere(const Grid *grid, Place at, Voxel v, global const int4 *restrict owners) {
+    const int4 owner = owners[slot_of(v.offset, grid->cache)];
+    const int3 own = tile_of(grid, at, v.level);
+    return owner.w != v.level || owner.x != own.x || owner.y != own.y || owner.z != own.z;
+}
+
 INLINE Found found_at(SAMPLED, const Grid *grid, Place at, int lod, global const uint *restrict indirection,
                       global const int4 *restrict lods OWNERS_OF) {
     Found found;
@@ -61,9 +72,7 @@ INLINE Found found_at(SAMPLED, const Grid *grid, Place at, int lod, global const
 #endif
         const Texel t = interpolated(CACHE_ARGS, v.offset, v.voxel, v.f, grid->cache);
 #ifdef OWNERS
-        const int4 owner = owners[slot_of(v.offset, grid->cache)];
-        const int3 own = tile_of(grid, at, v.level);
-        found.wrong += owner.w != v.level || owner.x != own.x || owner.y != own.y || owner.z != own.z;
+        found.wrong += belongs_elsewhere(grid, at, v, owners);
 #endif
         if (t.sc >= MIN_WEIGHT) {
             found.light = t;
@@ -83,15 +92,28 @@ INLINE float3 irradiance_of(Found found, float scale, float3 n) {
     return reconstructed(found.light, found.band2, 1.0f / found.light.sc, n.x, n.y, n.z) * scale;
 }
 
-kernel void sample(SAMPLED, global const uint *restrict indirection, global const int4 *restrict lods, Grid grid,
 #ifdef LOD_OWN
-                   global const int *restrict own_lods,
+#define OWN_LODS_PARAMETER global const int *restrict own_lods,
+#define OWN_LODS own_lods,
+#else
+#define OWN_LODS_PARAMETER
+#define OWN_LODS
 #endif
-                   global const float *restrict positions, global const float *restrict normals,
-                   global float *restrict irradiance, global int *restrict levels,
-                   global float *restrict weights, int count OWNERS_PARAMETER) {
-    const size_t id = get_global_id(0);
-    if (id >= (size_t)count) return;
+#ifdef OWNERS
+#define WRONG_ARGS , owners, wrong
+#else
+#define WRONG_ARGS
+#endif
+#define OUTPUTS global float *restrict irradiance, global int *restrict levels, global float *restrict weights
+
+#if LANES == 8
+#include "lanes.clh"
+#endif
+
+/* Sample number `id`. */
+INLINE void one(SAMPLED, const Grid *grid, global const uint *restrict indirection, global const int4 *restrict lods,
+                OWN_LODS_PARAMETER global const float *restrict positions, global const float *restrict normals, size_t id,
+                OUTPUTS OWNERS_PARAMETER) {
     const float3 p = (float3)(positions[3 * id], positions[3 * id + 1], positions[3 * id + 2]);
     if (p.x != p.x || p.y != p.y || p.z != p.z) {
         irradiance[3 * id] = irradiance[3 * id + 1] = irradiance[3 * id + 2] = NAN;
@@ -103,24 +125,24 @@ kernel void sample(SAMPLED, global const uint *restrict indirection, global cons
         return;
     }
     const float3 n = (float3)(normals[3 * id], normals[3 * id + 1], normals[3 * id + 2]);
-    const Place at = placed(&grid, p);
+    const Place at = placed(grid, p);
 #if defined(LOD_OWN)
     const int lod = own_lods[id];
 #elif defined(LOD_DISTANCE)
-    const float square = ring_square(&grid, p);
+    const float square = ring_square(grid, p);
     const int ring = ring_of(square);
-    const int lod = grid.anchor_cell.w - ring < 1 ? 1 : grid.anchor_cell.w - ring;
+    const int lod = grid->anchor_cell.w - ring < 1 ? 1 : grid->anchor_cell.w - ring;
 #else
-    const int lod = grid.extent.w;
+    const int lod = grid->extent.w;
 #endif
-    Found found = found_at(SAMPLED_ARGS, &grid, at, lod, indirection, lods OWNERS_ARGS);
-    float3 e = irradiance_of(found, grid.scale.x, n);
+    Found found = found_at(SAMPLED_ARGS, grid, at, lod, indirection, lods OWNERS_ARGS);
+    float3 e = irradiance_of(found, grid->scale.x, n);
 #ifdef BLEND
-    const float t = lod > 1 ? blended(&grid, square, ring) : 0.0f;
+    const float t = lod > 1 ? blended(grid, square, ring) : 0.0f;
     if (t > 0.0f && found.level > 0) {
-        const Found next = found_at(SAMPLED_ARGS, &grid, at, lod - 1, indirection, lods OWNERS_ARGS);
+        const Found next = found_at(SAMPLED_ARGS, grid, at, lod - 1, indirection, lods OWNERS_ARGS);
         found.wrong += next.wrong;
-        if (next.level > 0) e = e * (1.0f - t) + irradiance_of(next, grid.scale.x, n) * t;
+        if (next.level > 0) e = e * (1.0f - t) + irradiance_of(next, grid->scale.x, n) * t;
     }
 #endif
     irradiance[3 * id] = e.x;
@@ -130,5 +152,25 @@ kernel void sample(SAMPLED, global const uint *restrict indirection, global cons
     weights[id] = found.light.sc;
 #ifdef OWNERS
     wrong[id] = found.wrong;
+#endif
+}
+
+/* LANES samples per work item, `count` in all. */
+kernel void sample(SAMPLED, global const uint *restrict indirection, global const int4 *restrict lods, Grid grid,
+                   OWN_LODS_PARAMETER global const float *restrict positions, global const float *restrict normals,
+                   OUTPUTS, int count OWNERS_PARAMETER) {
+    const size_t first = get_global_id(0) * LANES;
+    if (first >= (size_t)count) return;
+#if LANES == 8
+    int left = 0xff;
+    if (first + 8 <= (size_t)count)
+        left = eight(SAMPLED_ARGS, &grid, indirection, lods, OWN_LODS positions, normals, first, irradiance, levels, weights WRONG_ARGS);
+    else
+        left >>= 8 - (int)((size_t)count - first);
+    for (; left; left &= left - 1)
+        one(SAMPLED_ARGS, &grid, indirection, lods, OWN_LODS positions, normals, first + __builtin_ctz(left), irradiance, levels,
+            weights WRONG_ARGS);
+#else
+    one(SAMPLED_ARGS, &grid, indirection, lods, OWN_LODS positions, normals, first, irradiance, levels, weights WRONG_ARGS);
 #endif
 }

@@ -10,8 +10,9 @@ import numpy as np
 from ..reference.datatypes import F64, I32, Storage, Viewer, VirtualTexture
 from .arrays import uploaded
 from .device import OpenDevice
+from .grid import Lattice
 from .images import image_arguments
-from .launch import DeviceSamples, Lattice, Launcher, Source
+from .launch import DeviceSamples, Launcher, Source
 from .layout import Layout, cache_textures, exposure
 
 
@@ -59,20 +60,27 @@ class Sampler:
         return self._launcher.seconds
 
     def __call__(
-        self, positions: Any, normals: Any, lod: int | I32 | Viewer | None = None, anchor: F64 | None = None
-    ) -> Any:
+        self, positions: Any, normals: Any, lod: int | I32 | Viewer | None = None, anchor: F64 | None = None,
+        out: DeviceSamples | None = None,
+    ) -> Any:  # fmt: skip
         """`Samples` at `positions` (N, 3) m for unit `normals` (N, 3); lod, anchor and NaN as in reference/volume/sampler.py.
 
-        Arrays on the device (pyopencl.array.Array, f32, positions in metres from `anchor`) give `DeviceSamples` without a copy.
+        Arrays on the device (pyopencl.array.Array, f32, positions in metres from `anchor`) give `DeviceSamples` without a copy,
+        in new memory or in that of `out`.
         Raises ValueError on other shapes or types, and for a `lod` that the texture does not have.
         """
-        return self._launcher(self._lattice, self._source, positions, normals, lod, anchor)
+        return self._launcher(self._lattice, self._source, positions, normals, lod, anchor, out)
 
     def on_device(
-        self, positions: Any, normals: Any, lod: int | Viewer | None = None, anchor: F64 | None = None
+        self,
+        positions: Any,
+        normals: Any,
+        lod: int | Viewer | None = None,
+        anchor: F64 | None = None,
+        out: DeviceSamples | None = None,
     ) -> DeviceSamples:
         """The same for arrays that are on the device, with the type said."""
-        found = self(positions, normals, lod, anchor)
+        found = self(positions, normals, lod, anchor, out)
         assert isinstance(found, DeviceSamples)
         return found
 

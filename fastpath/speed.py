@@ -20,6 +20,7 @@ import numpy as np
 from ..reference.datatypes import Indirection, Storage, VirtualTexture, cache_shape
 from ..reference.errors import EnvironmentLacks
 from .device import DeviceInfo, OpenDevice, list_devices, open_device, pyopencl_module
+from .launch import DeviceSamples
 from .layout import LAYOUTS, Layout
 from .sampler import Sampler
 
@@ -59,13 +60,15 @@ def measure(device: OpenDevice) -> Speeds:
     positions = (curve * texture.extent * texture.finest).astype(np.float32)
     p, n = (pyopencl.array.to_device(device.queue, a) for a in (positions, np.full_like(positions, 3.0**-0.5)))
     samplers = {layout: Sampler(device, texture, STORAGE_OF[layout], layout) for layout in layouts_of(device.info)}
+    held: dict[Layout, DeviceSamples] = {}
     taken: dict[Layout, list[float]] = {layout: [] for layout in samplers}
     while any(
         sum(t) < BUDGET_S or len(t) < 2 for t in taken.values()
     ):  # in turn, so that what else runs falls on all of them
         for layout, sampler in samplers.items():
             if sum(taken[layout]) < BUDGET_S or len(taken[layout]) < 2:
-                event = sampler.on_device(p, n).event
+                held[layout] = sampler.on_device(p, n, out=held.get(layout))
+                event = held[layout].event
                 event.wait()
                 taken[layout].append(1e-9 * max(event.profile.end - event.profile.start, 1000))
     return {layout: SAMPLES / min(t[1:]) for layout, t in taken.items()}  # the first touches memory

@@ -15,7 +15,8 @@ from ..reference.errors import InputError
 from .arrays import check_triples, is_on_device
 from .clipmap import Clipmap, Entries, pointers
 from .device import OpenDevice
-from .launch import DeviceSamples, Lattice, Launcher, Source
+from .grid import Lattice
+from .launch import DeviceSamples, Launcher, Source
 from .layout import Layout
 from .residency import Plan, Residency, wanted_tiles
 from .tile_cache import TileCache, Tiles
@@ -174,12 +175,17 @@ class StreamedTexture:
         return uploaded
 
     def __call__(
-        self, positions: Any, normals: Any, anchor: F64 | None = None, blend: float = 0.0
+        self,
+        positions: Any,
+        normals: Any,
+        anchor: F64 | None = None,
+        blend: float = 0.0,
+        out: DeviceSamples | None = None,
     ) -> Samples | DeviceSamples:
         """Irradiance at `positions` (N, 3) m for unit `normals` (N, 3), the level of detail by distance from the last viewer
         moved to; blend: see `Viewer`. NumPy arrays, in world coordinates, give `Samples`; arrays on the device, f32, metres from
-        `anchor` (3,) f64 m, the viewer if None, give `DeviceSamples`. Raises ValueError for other arrays, and before the first
-        move.
+        `anchor` (3,) f64 m, the viewer if None, give `DeviceSamples`, in the memory of `out` if given. Raises ValueError for other
+        arrays, and before the first move.
         """
         if self._viewer is None:
             raise ValueError("no viewer yet: call move before sampling")
@@ -188,7 +194,7 @@ class StreamedTexture:
         owners = self._cache.owners if self._check else None
         source = Source(self._cache.textures, self._clipmap.texels, self._clipmap.lods, self._cache.exposure, owners)
         if not self._check or is_on_device(positions) or is_on_device(normals):
-            return self._launcher(self.lattice, source, positions, normals, lod, at)
+            return self._launcher(self.lattice, source, positions, normals, lod, at, out)
         return self._counted(source, positions, normals, lod, at)
 
     def _counted(self, source: Source, positions: Any, normals: Any, lod: Viewer, at: F64) -> Samples:
@@ -204,9 +210,16 @@ class StreamedTexture:
         self.wrong_reads = int(found.wrong.get().sum())
         return found.host()
 
-    def on_device(self, positions: Any, normals: Any, anchor: F64 | None = None, blend: float = 0.0) -> DeviceSamples:
+    def on_device(
+        self,
+        positions: Any,
+        normals: Any,
+        anchor: F64 | None = None,
+        blend: float = 0.0,
+        out: DeviceSamples | None = None,
+    ) -> DeviceSamples:
         """The same for arrays that are on the device, with the type said."""
-        found = self(positions, normals, anchor, blend)
+        found = self(positions, normals, anchor, blend, out)
         assert isinstance(found, DeviceSamples)
         return found
 

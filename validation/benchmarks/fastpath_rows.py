@@ -71,8 +71,15 @@ def sampling(
     device: OpenDevice, texture: VirtualTexture, storage: Storage, layout: Layout
 ) -> Callable[[DeviceView], Any]:
     """Our sampler in one format as a launch that gives its event."""
-    sampler = Sampler(device, texture, storage, layout)
-    return lambda view: sampler.on_device(view.positions, view.normals, anchor=np.zeros(3)).event
+    sampler, kept = Sampler(device, texture, storage, layout), {}
+
+    def launch(view: DeviceView) -> Any:
+        """As a renderer does it: frame after frame into the same memory."""
+        made = sampler.on_device(view.positions, view.normals, anchor=np.zeros(3), out=kept.get(len(view.positions)))
+        kept[len(view.positions)] = made
+        return made.event
+
+    return launch
 
 
 def launches(device: OpenDevice, texture: VirtualTexture) -> dict[str, Callable[[DeviceView], Any]]:

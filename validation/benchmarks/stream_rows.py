@@ -61,7 +61,8 @@ def _cost(
     clock = Kernels()
 
     def launched(texture: StreamedTexture) -> Callable[[], Any]:
-        return lambda: texture.on_device(at.positions, at.normals, anchor=eye).event
+        room = texture.on_device(at.positions, at.normals, anchor=eye)
+        return lambda: texture.on_device(at.positions, at.normals, anchor=eye, out=room).event
 
     tasks = {name: clock.task(name, launched(texture)) for name, texture in textures.items()}
     return interleaved(tasks, REPEATS, progress, stage)
