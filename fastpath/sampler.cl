@@ -106,8 +106,11 @@ INLINE float3 irradiance_of(Found found, float scale, float3 n) {
 #endif
 #define OUTPUTS global float *restrict irradiance, global int *restrict levels, global float *restrict weights
 
-#if LANES == 8
+#if LANES == 8 && defined(__clang__) && defined(__has_builtin)
+#if __has_builtin(__builtin_convertvector)
+#define SIDE_BY_SIDE
 #include "lanes.clh"
+#endif
 #endif
 
 /* Sample number `id`. */
@@ -161,16 +164,13 @@ kernel void sample(SAMPLED, global const uint *restrict indirection, global cons
                    OUTPUTS, int count OWNERS_PARAMETER) {
     const size_t first = get_global_id(0) * LANES;
     if (first >= (size_t)count) return;
-#if LANES == 8
-    int left = 0xff;
-    if (first + 8 <= (size_t)count)
+    const int here = first + LANES <= (size_t)count ? LANES : (int)((size_t)count - first);
+    int left = (1 << here) - 1;
+#ifdef SIDE_BY_SIDE
+    if (here == LANES)
         left = eight(SAMPLED_ARGS, &grid, indirection, lods, OWN_LODS positions, normals, first, irradiance, levels, weights WRONG_ARGS);
-    else
-        left >>= 8 - (int)((size_t)count - first);
-    for (; left; left &= left - 1)
-        one(SAMPLED_ARGS, &grid, indirection, lods, OWN_LODS positions, normals, first + __builtin_ctz(left), irradiance, levels,
-            weights WRONG_ARGS);
-#else
-    one(SAMPLED_ARGS, &grid, indirection, lods, OWN_LODS positions, normals, first, irradiance, levels, weights WRONG_ARGS);
 #endif
+    for (int lane = 0; left; ++lane, left >>= 1)
+        if (left & 1)
+            one(SAMPLED_ARGS, &grid, indirection, lods, OWN_LODS positions, normals, first + lane, irradiance, levels, weights WRONG_ARGS);
 }

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pyopencl.array
 import pytest
+from lightgauge.fastpath import launch
 from lightgauge.fastpath import layout as layouts
 from lightgauge.fastpath import sampler as samplers
 from lightgauge.fastpath.arrays import is_on_device
@@ -328,3 +329,55 @@ def poisoned_sampler(
         for module in (layouts, samplers):
             patch.setattr(module, "exposure", lambda texture, storage: kept)
         return Sampler(device, poisoned, storage, layout)
+
+
+@pytest.mark.parametrize("storage", ["half", "float32"])
+@pytest.mark.parametrize("reconstruction", ["linear", "clamped"])
+@pytest.mark.parametrize("way", ["all", "own", "distance", "blend"])
+def test_a_sample_does_not_depend_on_its_neighbours(
+    device: OpenDevice,
+    texture: VirtualTexture,
+    storage: Storage,
+    reconstruction: str,
+    way: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Eight at a time and one at a time give the same bits: along lines through few voxels, scattered, and where probes are invalid; in
+    numbers that are no multiple of eight."""
+    rng = np.random.default_rng(41)
+    along = np.linspace(0.0, 1.0, 40_003)[:, None] * np.array([9.0, 3.0, 0.5]) + np.array([0.4, 5.0, 4.0])
+    p = texture.origin + np.concatenate([along, rng.uniform(-0.5, 12.0, (5_000, 3))])
+    p[::997, 2] = np.nan
+    n = random_units(len(p), 42).astype(np.float32)
+    eye = texture.origin + np.array([3.0, 4.0, 5.0])
+    lods = {
+        "all": None, "own": rng.integers(1, 6, len(p)).astype(np.int32), "distance": Viewer(eye, 1.5), "blend": Viewer(eye, 1.5, 0.3),
+    }  # fmt: skip
+    together = Sampler(device, texture, storage, "packed", reconstruction)(p, n, lods[way])
+    monkeypatch.setattr(launch, "LANES_FOR", ())
+    alone = Sampler(device, texture, storage, "packed", reconstruction)(p, n, lods[way])
+    for a, b in (
+        (together.irradiance, alone.irradiance),
+        (together.level, alone.level),
+        (together.weight, alone.weight),
+    ):
+        np.testing.assert_array_equal(a, b)
+    assert len(np.unique(alone.level)) > 3 and np.isnan(alone.irradiance).any()
+    assert reconstruction == "linear" or not (alone.irradiance < 0.0).any()
+
+
+def test_results_may_be_written_over(device: OpenDevice, texture: VirtualTexture) -> None:
+    rng = np.random.default_rng(51)
+    sampler = Sampler(device, texture, "half", "packed")
+    views = [[pyopencl.array.to_device(device.queue, a.astype(np.float32)) for a in (rng.uniform(0, 11, (999, 3)), random_units(999,
+    i))]
+    first = sampler.on_device(*views[0])
+    kept = first.host()
+    second = sampler.on_device(*views[1], out=first)
+    assert second.irradiance is first.irradiance and not np.array_equal(second.host().irradiance, kept.irradiance)
+    np.testing.assert_array_equal(sampler.on_device(*views[0], out=second).host().irradiance, kept.irradiance)
+    short = pyopencl.array.to_device(device.queue, np.zeros((5, 3), np.float32))
+    with pytest.raises(ValueError, match="out must be results of 5"):
+        sampler(short, short, out=first)
+    with pytest.raises(ValueError, match="a view perhaps"):
+        sampler(views[0][0][4:], views[0][1][4:])
