@@ -45,7 +45,7 @@ class DeviceInfo:
     memory: int
     image3d: tuple[int, int, int]
     half_arithmetic: bool
-    image3d_writes: bool
+    image3d_writes: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,8 @@ from .device import OpenDevice
 from .grid import Lattice
 from .images import image_arguments
 from .launch import DeviceSamples, Launcher, Source
-from .layout import Layout, cache_textures, exposure
+from .layout import CacheTextures, Layout, cache_textures, exposure
+from .tile_cache import TileCache
 
 
 class Sampler:
@@ -26,8 +27,10 @@ class Sampler:
         storage: Storage,
         layout: Layout = "split",
         reconstruction: str = "linear",
+        filled: TileCache | None = None,
     ) -> None:
-        """Upload `texture` in the given storage format and layout.
+        """Upload `texture` in the given storage format and layout; with `filled`, a cache in that format that holds its tiles in its
+        slots, only the indirection, and samples are what was filled there.
 
         Raises ValueError for a format that does not exist, or for reconstruction l2 of a texture without order 2, and
         EnvironmentLacks for a device that cannot hold the images.
@@ -36,23 +39,19 @@ class Sampler:
         if reconstruction == "l2" and channels != 28:
             raise ValueError(f"reconstruction 'l2' wants texels of 28 channels, got {channels}")
         self._launcher = Launcher(device, storage, layout, reconstruction)
-        cache = cache_textures(texture, storage, layout)
-        textures: tuple[Any, ...]
-        if layout == "images":
-            assert cache.weight is not None
-            textures = image_arguments(device, cache.light, cache.weight)
-        elif cache.weight is not None:
-            textures = tuple(uploaded(device, a) for a in (*cache.light, cache.weight))
+        if filled is None:
+            held = cache_textures(texture, storage, layout)
+            if layout == "images" and held.weight is not None:
+                textures, size = image_arguments(device, held.light, held.weight), held.bytes
+            else:
+                textures, size = _uploaded(device, held, reconstruction == "l2")
+            divisor = exposure(texture, storage)
         else:
-            textures = (uploaded(device, cache.light),)
-            if reconstruction == "l2":
-                textures += (uploaded(device, cache.more),) if cache.more is not None else ()
+            textures, size, divisor = filled.textures, filled.bytes, filled.exposure
         i = texture.indirection
         self._lattice = Lattice(texture.origin, texture.finest, texture.level, texture.extent, i.cache)
-        self._source = Source(
-            textures, uploaded(device, i.texels), uploaded(device, lod_table(texture)), exposure(texture, storage)
-        )
-        self.bytes = cache.bytes + i.texels.nbytes
+        self._source = Source(textures, uploaded(device, i.texels), uploaded(device, lod_table(texture)), divisor)
+        self.bytes = size + i.texels.nbytes
 
     @property
     def seconds(self) -> float:
@@ -83,6 +82,14 @@ class Sampler:
         found = self(positions, normals, lod, anchor, out)
         assert isinstance(found, DeviceSamples)
         return found
+
+
+def _uploaded(device: OpenDevice, cache: CacheTextures, order2: bool) -> tuple[tuple[Any, ...], int]:
+    """Kernel arguments with the cache's textures, and their size."""
+    if cache.weight is None:
+        held = (cache.light, cache.more) if order2 and cache.more is not None else (cache.light,)
+        return tuple(uploaded(device, a) for a in held), cache.bytes
+    return tuple(uploaded(device, a) for a in (*cache.light, cache.weight)), cache.bytes
 
 
 def lod_table(texture: VirtualTexture) -> I32:

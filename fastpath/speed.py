@@ -39,6 +39,9 @@ def preferred(info: DeviceInfo, speeds: Speeds | None = None) -> tuple[Storage, 
     Noise then never decides what a run's numbers are.
     """
     layout: Layout = "images" if info.kind == "gpu" and "images" in layouts_of(info) else "packed"
+    speeds = {
+        name: value for name, value in (speeds or {}).items() if name != "split"
+    }  # which no tile cache is filled in
     if speeds:
         fastest = max(speeds, key=lambda name: speeds[name])
         layout = fastest if speeds[fastest] > CLEARLY * speeds.get(layout, 0.0) else layout

@@ -45,10 +45,14 @@ def test_the_faster_layout_is_chosen_and_remembered(capsys: Capture, monkeypatch
     assert "packed 20, split 10, images 1 M samples/s; runs use packed half" in capsys.readouterr().out
     used = device.choose(device.list_devices(), None)
     assert formats.sampling_format(used, "linear") == ("half", "packed")
-    monkeypatch.setattr(speed, "measure_isolated", lambda _: {"packed": 1e7, "split": 3e7})
+    monkeypatch.setattr(speed, "measure_isolated", lambda _: {"packed": 1e7, "images": 3e7})
     (found,) = [item for item in doctor.examine().facts["opencl"] if item["index"] == used.index]
-    assert found["sampling"] == {"samples_per_s": {"packed": 1e7, "split": 3e7}, "storage": "half16", "layout": "split"}
-    assert formats.sampling_format(used, "linear") == ("half16", "split")
+    assert found["sampling"] == {
+        "samples_per_s": {"packed": 1e7, "images": 3e7},
+        "storage": "half8",
+        "layout": "images",
+    }
+    assert formats.sampling_format(used, "linear") == ("half8", "images")
 
 
 def test_a_device_that_cannot_be_measured(monkeypatch: pytest.MonkeyPatch) -> None:

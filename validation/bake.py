@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 import statistics
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
+
+import numpy as np
 
 from ..fastpath.device import OpenDevice
 from ..fastpath.layout import Layout
 from ..fastpath.sampler import Sampler
+from ..fastpath.tile_cache import TileCache, Tiles
 from ..reference import pipeline
 from ..reference.datatypes import F32, Samples, Scene, Storage, VirtualTexture
 from ..reference.lattice import Octree
 from ..reference.progress import Progress
 from ..reference.truth.points import Points
 from ..reference.volume.sampler import sample
+from ..reference.volume.table import tile_table
 from ..reference.volume.tiles import stored
 from .culling.cost import culled_cost
 from .formats import sampling_format
@@ -59,11 +65,13 @@ def bake(
         uncut = pipeline.virtual_texture(traced, pipeline.update(scene, surfaces, traced, light).texels)
     del traced  # what was culled is freed
     first = pipeline.update(scene, surfaces, probes, light)  # compiles the kernel
-    updates = [pipeline.update(scene, surfaces, probes, light) for _ in range(REPEATS)]
     texture = pipeline.virtual_texture(probes, first.texels)
     way = scene.settings.sampling.reconstruction
     storage, layout = sampling_format(device.info, way)
-    sampler = Sampler(device, texture, storage, layout, way)
+    cache = filled(device, probes, first.coefficients, storage, layout)
+    sampler = Sampler(device, texture, storage, layout, way, cache)
+    gathering = [timed(lambda: pipeline.probe_light(scene, surfaces, probes, light)) for _ in range(REPEATS)]
+    filling = [timed(lambda: cache.relight(first.coefficients)) for _ in range(REPEATS)]
     valid = int(probes.valid.sum())
     cost = {
         "real_probes": len(probes.valid),
@@ -75,12 +83,32 @@ def bake(
         "probe_bytes": probes.rows.bytes,
         "texture_bytes": sampler.bytes,
         "probe_entries": len(probes.rows.columns),
-        "probe_gather_ms": 1e3 * statistics.median(u.seconds["probes"] for u in updates),
-        "probe_update_ms": 1e3 * statistics.median(sum(u.seconds.values()) for u in updates),
+        "probe_gather_ms": 1e3 * statistics.median(gathering),
+        "tile_fill_ms": 1e3 * statistics.median(filling),
+        "probe_update_ms": 1e3 * (statistics.median(gathering) + statistics.median(filling)),
     }
     if probes.culled is not None:
         cost |= culled_cost(probes.culled, probes.layout.virtual_probes)
     return Baked(scene, surfaces, probes, light, first.coefficients, texture, sampler, cost, uncut, storage, layout)
+
+
+def filled(
+    device: OpenDevice, probes: pipeline.Probes, coefficients: F32, storage: Storage, layout: Layout
+) -> TileCache:
+    """All tiles on the device, each in the slot of its number, lit by `coefficients` (R, 4 or 9, 3)."""
+    table = tile_table(probes.layout, probes.light_from)
+    cache = TileCache(device, table.tiles, storage, layout, coefficients.shape[1] == 9)
+    cache.relight(coefficients)
+    slots = np.arange(table.tiles, dtype=np.int32)
+    cache.put(Tiles(slots, table.parent, table.octant, table.tile_level, table.cell, table.sources))
+    return cache
+
+
+def timed(work: Callable[[], object]) -> float:
+    """Seconds that `work` takes."""
+    begin = time.perf_counter()
+    work()
+    return time.perf_counter() - begin
 
 
 def plain_samples(baked: Baked, texture: VirtualTexture, points: Points, offset: float | None = None) -> Samples:

@@ -14,13 +14,14 @@ from ..fastpath.device import OpenDevice
 from ..fastpath.layout import Layout
 from ..fastpath.sampler import Sampler
 from ..reference import pipeline
-from ..reference.datatypes import F32, Samples, Scene, Storage
+from ..reference.datatypes import F32, Samples, Scene, Storage, exposure_of
 from ..reference.transport.direct import punctual_lights
 from ..reference.truth.analytic import closed_sphere_radiosity
 from ..reference.truth.path_traced import largest_albedo
 from ..reference.truth.points import PointSet
+from ..reference.volume.sampler import sample
 from ..reference.volume.tiles import fill_tiles, probe_texels, with_copies
-from .bake import Baked, lifted, plain_samples
+from .bake import Baked, lifted
 from .culling.realised import culled_metrics
 from .ground_truth import GroundTruth
 from .leaks.measured import leak_metrics
@@ -175,14 +176,17 @@ def _twins(
         return
     points = truth.points[name]
     where = lifted(baked.scene, baked.texture, points)
-    plain = plain_samples(baked, baked.texture, points).irradiance
+    light = probe_texels(*with_copies(baked.coefficients, baked.probes.light_from))
+    held = fill_tiles(baked.probes.layout, light, baked.storage, exposure_of(float(np.abs(baked.coefficients).max())))
+    texture, way = dataclasses.replace(baked.texture, texels=held), baked.scene.settings.sampling.reconstruction
+    plain = sample(texture, where, points.normals, reconstruction=way).irradiance
     scale = max(float(np.abs(plain).mean()), 1e-30)
     got = sampled[name].irradiance
-    n, way = len(plain), baked.scene.settings.sampling.reconstruction
+    n = len(plain)
     found = {"kernel_deviation": Measured(float(np.abs(got - plain).max()) / scale, 0.0, n)}
     if way != "l2" and min(device.info.image3d) > 0:  # images do not hold order 2
         other: Layout = "split" if baked.layout == "images" else "images"
-        beside = Sampler(device, baked.texture, baked.storage, other, way)(where, points.normals).irradiance
+        beside = Sampler(device, texture, baked.storage, other, way)(where, points.normals).irradiance
         if other == "split":  # what texture units round is no fault of the kernel's
             found["kernel_deviation"] = Measured(float(np.abs(beside - plain).max()) / scale, 0.0, n)
         found["image_filter_deviation"] = Measured(float(np.abs(beside - got).max()) / scale, 0.0, n)

@@ -165,12 +165,17 @@ def trace_probes(scene: Scene, surfaces: Surfaces, octree: Octree, seed: int, pr
     return Probes(octree, rows, upload(rows), allocation, valid, source, layout, indirection, clock.seconds)
 
 
-def update(scene: Scene, surfaces: Surfaces, probes: Probes, light: PatchLight) -> Update:
-    """Probe lighting from patch light, then the tile cache's texels."""
-    clock = Clock()
+def probe_light(scene: Scene, surfaces: Surfaces, probes: Probes, light: PatchLight) -> F32:
+    """Radiance SH (R, 4 or 9, 3) f32 of the real probes from patch light."""
     coefficients = gather(probes.device_rows, light.radiosity.light)
     order = order_of(coefficients.shape[1])
-    coefficients = coefficients + punctual_input(scene, surfaces.geometry, probes.octree.positions, order)
+    return coefficients + punctual_input(scene, surfaces.geometry, probes.octree.positions, order)
+
+
+def update(scene: Scene, surfaces: Surfaces, probes: Probes, light: PatchLight) -> Update:
+    """Probe lighting from patch light, then the tile cache's texels, the plain way (a device fills its own, see fastpath)."""
+    clock = Clock()
+    coefficients = probe_light(scene, surfaces, probes, light)
     clock.lap("probes")
     texels = tile_texels(probes, coefficients, probes.light_from)
     clock.lap("tiles")

@@ -369,8 +369,8 @@ def test_a_sample_does_not_depend_on_its_neighbours(
 def test_results_may_be_written_over(device: OpenDevice, texture: VirtualTexture) -> None:
     rng = np.random.default_rng(51)
     sampler = Sampler(device, texture, "half", "packed")
-    views = [[pyopencl.array.to_device(device.queue, a.astype(np.float32)) for a in (rng.uniform(0, 11, (999, 3)), random_units(999,
-    i))]
+    pairs = [(rng.uniform(0, 11, (999, 3)), random_units(999, i)) for i in range(2)]
+    views = [[pyopencl.array.to_device(device.queue, a.astype(np.float32)) for a in pair] for pair in pairs]
     first = sampler.on_device(*views[0])
     kept = first.host()
     second = sampler.on_device(*views[1], out=first)

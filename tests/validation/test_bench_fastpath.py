@@ -216,8 +216,9 @@ def info(kind: device_module.Kind, images: int = 256) -> device_module.DeviceInf
         ("cpu", 256, None, ("half", "packed")),
         ("gpu", 256, None, ("half8", "images")),
         ("gpu", 0, None, ("half", "packed")),
-        ("cpu", 256, {"packed": 2.0, "split": 2.5, "images": 0.1}, ("half", "packed")),  # no clear difference
-        ("cpu", 256, {"packed": 2.0, "split": 4.0, "images": 0.1}, ("half16", "split")),
+        ("cpu", 256, {"packed": 2.0, "split": 0.5, "images": 2.5}, ("half", "packed")),  # no clear difference
+        ("cpu", 256, {"packed": 2.0, "split": 9.0, "images": 0.1}, ("half", "packed")),  # split is for comparison only
+        ("cpu", 256, {"packed": 2.0, "split": 0.1, "images": 4.0}, ("half8", "images")),
         ("gpu", 256, {"packed": 9.0, "split": 4.0, "images": 1.0}, ("half", "packed")),
         ("gpu", 256, {}, ("half8", "images")),
     ],
@@ -232,9 +233,9 @@ def test_measured_and_remembered(opened: OpenDevice, tmp_path: Any, monkeypatch:
     found = speed.measure(opened)
     assert set(found) == set(speed.layouts_of(opened.info)) and min(found.values()) > 1e4
     assert formats.remembered(opened.info) is None
-    formats.remember(opened.info, {"packed": 1.0, "split": 2.0})
-    assert formats.remembered(opened.info) == {"packed": 1.0, "split": 2.0}
-    assert formats.sampling_format(opened.info, "linear") == ("half16", "split")
+    formats.remember(opened.info, {"packed": 1.0, "images": 2.0})
+    assert formats.remembered(opened.info) == {"packed": 1.0, "images": 2.0}
+    assert formats.sampling_format(opened.info, "linear") == ("half8", "images")
     assert formats.sampling_format(opened.info, "l2") == ("half", "packed")
     other = dataclasses.replace(opened.info, driver="another")
     assert formats.remembered(other) is None  # another driver may like another layout

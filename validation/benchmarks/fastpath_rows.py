@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ...fastpath.device import OpenDevice, open_device
+from ...fastpath.launch import DeviceSamples
 from ...fastpath.layout import Layout, texel_bytes
 from ...fastpath.sampler import Sampler
 from ...reference.datatypes import F32, F64, Storage, VirtualTexture
@@ -71,7 +72,8 @@ def sampling(
     device: OpenDevice, texture: VirtualTexture, storage: Storage, layout: Layout
 ) -> Callable[[DeviceView], Any]:
     """Our sampler in one format as a launch that gives its event."""
-    sampler, kept = Sampler(device, texture, storage, layout), {}
+    sampler = Sampler(device, texture, storage, layout)
+    kept: dict[int, DeviceSamples] = {}
 
     def launch(view: DeviceView) -> Any:
         """As a renderer does it: frame after frame into the same memory."""
