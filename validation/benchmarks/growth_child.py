@@ -19,7 +19,7 @@ from .memory_child import resident
 from .stream_rows import FLIGHT_BUDGET, FLIGHT_DISTANCE, FLIGHT_SIDE, walk
 
 PIXELS = (320, 180)
-WARM_SHARE = 5  # as many frames come first, one part in so many
+WARM_SHARE = 2  # as many frames come first, one part in so many: pools of the runtime level off by then
 
 
 def measure(frames: int, side: int = FLIGHT_SIDE) -> dict[str, int]:
