@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..reference.datatypes import F64, I64, Viewer, anchor_cell
+from ..reference.datatypes import F64, I64
+from ..reference.texture_types import Viewer, anchor_cell
 
 _GRID = np.dtype(
     [

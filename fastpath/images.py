@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..reference.datatypes import I64, Storage
+from ..reference.datatypes import I64
 from ..reference.errors import EnvironmentLacks
+from ..reference.texture_types import Storage
 from .device import OpenDevice, pyopencl_module
 from .layout import WEIGHT_TYPE
 

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..reference.datatypes import F64, Samples, Storage, Viewer, check_lod
+from ..reference.datatypes import F64
+from ..reference.texture_types import Samples, Storage, Viewer, check_lod
 from .arrays import check_triples, empty, is_on_device, uploaded
 from .device import OpenDevice, pyopencl_module
 from .grid import Lattice, grid_words

@@ -19,7 +19,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..reference.datatypes import F32, I64, Storage, VirtualTexture, pre_exposure, stored_weight, weight_ratio
+from ..reference.datatypes import F32, I64
+from ..reference.texture_types import Storage, VirtualTexture, pre_exposure, stored_weight, weight_ratio
 
 Layout = Literal["packed", "split", "images"]
 LAYOUTS: tuple[Layout, ...] = ("packed", "split", "images")

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..reference.datatypes import F32, I32, DistanceMaps, RatioTexels, Samples, Storage, VirtualTexture
+from ..reference.datatypes import F32, I32
+from ..reference.texture_types import DistanceMaps, RatioTexels, Samples, Storage, VirtualTexture
 from .arrays import check_triples, empty, uploaded
 from .device import OpenDevice, pyopencl_module
 from .grid import Lattice, grid_words

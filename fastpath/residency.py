@@ -14,12 +14,16 @@ longer wanted stays until its slot is needed.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from ..reference.datatypes import F64, I32, I64, TileTable
+from ..reference.datatypes import F64, I32, I64
+from ..reference.errors import InputError
+from ..reference.texture_types import MAX_OFFSET, TileTable
+from .windows import in_voxels
 
 AHEAD = 0.5  # tiles beyond a LOD's radius that are wanted already
 KEEP = 0.9  # a resident tile gives way to one that is a tenth more urgent
@@ -145,3 +149,35 @@ class Residency:
         """These tiles are in the cache now, in these slots."""
         self.tile_in[slots] = tiles
         self.slot_of[tiles] = slots
+
+
+def coarsest_need(table: TileTable, lod_distance: float) -> int:
+    """Tiles that every viewer in the world wants, wherever he is: all of the levels up to the coarsest that is asked for, that of the
+    world's far corner."""
+    across = float(np.linalg.norm(table.extent)) * table.finest
+    rings = max(0, math.ceil(math.log2(max(across / lod_distance, 1.0))))
+    return int((table.tile_level <= max(1, table.level - rings)).sum())
+
+
+def check_budget(table: TileTable, budget: int, lod_distance: float, per_move: int | None) -> None:
+    """Raises InputError for a budget that cannot work, naming one that does."""
+    if not lod_distance > 0.0:
+        raise InputError(f"lod_distance must be above 0 m, got {lod_distance}")
+    least = coarsest_need(table, lod_distance)
+    if budget < least:
+        raise InputError(
+            f"tile budget {budget}: the coarsest level of detail in use alone needs {least} tiles; give at least that many, or make "
+            f"sampling.lod_distance ({lod_distance:g} m) shorter"
+        )
+    if min(budget, table.tiles) > MAX_OFFSET**3:
+        raise InputError(
+            f"tile budget {budget}: an indirection texel addresses {MAX_OFFSET**3} tiles; use at most that many"
+        )
+    if per_move is not None and per_move < 1:
+        raise InputError(f"tiles per move: expected at least 1, got {per_move}")
+
+
+def working_set(table: TileTable, viewer: F64, lod_distance: float) -> int:
+    """Tiles that a viewer at `viewer` (3,) m wants: a budget of that many misses nothing there."""
+    at = in_voxels(viewer, table.origin, table.finest)
+    return len(wanted_tiles(table, at, lod_distance / table.finest)[0])

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..reference.datatypes import F64, I32, Storage, Viewer, VirtualTexture
+from ..reference.datatypes import F64, I32
+from ..reference.texture_types import Storage, Viewer, VirtualTexture
 from .arrays import uploaded
 from .device import OpenDevice
 from .grid import Lattice

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from ..reference.datatypes import Indirection, Storage, VirtualTexture, cache_shape
 from ..reference.errors import EnvironmentLacks
+from ..reference.texture_types import Indirection, Storage, VirtualTexture, cache_shape
 from .device import DeviceInfo, OpenDevice, list_devices, open_device, pyopencl_module
 from .launch import DeviceSamples
 from .layout import LAYOUTS, Layout

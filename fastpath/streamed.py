@@ -4,21 +4,21 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..reference.datatypes import F64, I64, MAX_OFFSET, Samples, Storage, TileTable, Viewer
+from ..reference.datatypes import F64, I64
 from ..reference.errors import InputError
+from ..reference.texture_types import Samples, Storage, TileTable, Viewer
 from .arrays import check_triples, is_on_device
 from .clipmap import Clipmap, Entries, pointers
 from .device import OpenDevice
 from .grid import Lattice
 from .launch import DeviceSamples, Launcher, Source
 from .layout import Layout
-from .residency import Plan, Residency, wanted_tiles
+from .residency import Plan, Residency, check_budget
 from .tile_cache import TileCache, Tiles
 from .windows import in_voxels
 
@@ -68,7 +68,7 @@ class StreamedTexture:
         Raises InputError for a budget under what the coarsest level needs or over what an indirection texel addresses, a
         lod_distance not above 0 or whose windows do not fit the device; ValueError for a format that does not exist.
         """
-        _check_budget(table, budget, lod_distance, per_move)
+        check_budget(table, budget, lod_distance, per_move)
         self.budget, slots = budget, min(budget, table.tiles)
         self._cache = TileCache(device, slots, storage, layout, order2=reconstruction == "l2")
         self._clipmap = Clipmap(device, table.level, table.finest, table.extent, lod_distance, self._cache.shape, slots)
@@ -222,35 +222,3 @@ class StreamedTexture:
         found = self(positions, normals, anchor, blend, out)
         assert isinstance(found, DeviceSamples)
         return found
-
-
-def coarsest_need(table: TileTable, lod_distance: float) -> int:
-    """Tiles that every viewer in the world wants, wherever he is: all of the levels up to the coarsest that is asked for, that of the
-    world's far corner."""
-    across = float(np.linalg.norm(table.extent)) * table.finest
-    rings = max(0, math.ceil(math.log2(max(across / lod_distance, 1.0))))
-    return int((table.tile_level <= max(1, table.level - rings)).sum())
-
-
-def _check_budget(table: TileTable, budget: int, lod_distance: float, per_move: int | None) -> None:
-    """Raises InputError for a budget that cannot work, naming one that does."""
-    if not lod_distance > 0.0:
-        raise InputError(f"lod_distance must be above 0 m, got {lod_distance}")
-    least = coarsest_need(table, lod_distance)
-    if budget < least:
-        raise InputError(
-            f"tile budget {budget}: the coarsest level of detail in use alone needs {least} tiles; give at least that many, or make "
-            f"sampling.lod_distance ({lod_distance:g} m) shorter"
-        )
-    if min(budget, table.tiles) > MAX_OFFSET**3:
-        raise InputError(
-            f"tile budget {budget}: an indirection texel addresses {MAX_OFFSET**3} tiles; use at most that many"
-        )
-    if per_move is not None and per_move < 1:
-        raise InputError(f"tiles per move: expected at least 1, got {per_move}")
-
-
-def working_set(table: TileTable, viewer: F64, lod_distance: float) -> int:
-    """Tiles that a viewer at `viewer` (3,) m wants: a budget of that many misses nothing there."""
-    at = in_voxels(viewer, table.origin, table.finest)
-    return len(wanted_tiles(table, at, lod_distance / table.finest)[0])

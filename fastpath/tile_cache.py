@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..reference.datatypes import F32, I32, Storage, cache_shape, exposure_of
+from ..reference.datatypes import F32, I32
+from ..reference.texture_types import Storage, cache_shape, exposure_of
 from .arrays import empty, is_on_device, uploaded
 from .device import OpenDevice, pyopencl_module
 from .images import empty_images, image_texel_bytes

@@ -19,8 +19,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from ..reference.datatypes import F64, I32, I64, MAX_OFFSET
+from ..reference.datatypes import F64, I32, I64
 from ..reference.errors import InputError
+from ..reference.texture_types import MAX_OFFSET
 
 _LEAST_LOG2 = 3  # windows of fewer texels do not nest
 _SLACK = 1e-4  # share of d₀; kernels decide on distance in single precision

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .datatypes import I64, MAX_OFFSET
+from .datatypes import I64
 from .lattice import OCTANTS, Grid, cells, distinct, keys, parent_keys, parities, steps
+from .texture_types import MAX_OFFSET
 
 OFFSET_BITS = 8
 assert MAX_OFFSET == 1 << OFFSET_BITS

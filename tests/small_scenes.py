@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from lightgauge.reference.config import MeshSettings, SceneSettings
-from lightgauge.reference.datatypes import F64, Material, Mesh, Scene, Sky, VirtualTexture
+from lightgauge.reference.datatypes import F64, Material, Mesh, Scene, Sky
 from lightgauge.reference.lattice import OCTANTS, Grid, Octree, keys, unique_cells
 from lightgauge.reference.placement.subdivision import NOTHING, corner_keys
+from lightgauge.reference.texture_types import VirtualTexture
 from lightgauge.reference.transport.patches import Patches, build_patches
 from lightgauge.reference.visibility import Geometry, build_geometry
 from lightgauge.reference.volume.indirection import build_indirection

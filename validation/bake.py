@@ -15,9 +15,10 @@ from ..fastpath.layout import Layout
 from ..fastpath.sampler import Sampler
 from ..fastpath.tile_cache import TileCache, Tiles
 from ..reference import pipeline
-from ..reference.datatypes import F32, Samples, Scene, Storage, VirtualTexture
+from ..reference.datatypes import F32, Scene
 from ..reference.lattice import Octree
 from ..reference.progress import Progress
+from ..reference.texture_types import Samples, Storage, VirtualTexture
 from ..reference.truth.points import Points
 from ..reference.volume.sampler import sample
 from ..reference.volume.table import tile_table

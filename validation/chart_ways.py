@@ -19,8 +19,9 @@ import numpy as np
 
 from ..fastpath.device import OpenDevice
 from ..fastpath.other_ways import Chebyshev, FixedPoint, PerMesh, RatioL1
-from ..reference.datatypes import F64, DistanceMaps
+from ..reference.datatypes import F64
 from ..reference.progress import Progress, silent
+from ..reference.texture_types import DistanceMaps
 from ..reference.transport.distance_moments import distance_moments
 from ..reference.truth.points import Points
 from ..reference.volume.other_ways_ratio import encode

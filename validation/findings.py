@@ -14,7 +14,8 @@ from ..fastpath.device import OpenDevice
 from ..fastpath.layout import Layout
 from ..fastpath.sampler import Sampler
 from ..reference import pipeline
-from ..reference.datatypes import F32, Samples, Scene, Storage, exposure_of
+from ..reference.datatypes import F32, Scene
+from ..reference.texture_types import Samples, Storage, exposure_of
 from ..reference.transport.direct import punctual_lights
 from ..reference.truth.analytic import closed_sphere_radiosity
 from ..reference.truth.path_traced import largest_albedo

@@ -10,7 +10,7 @@ import numpy as np
 from ..fastpath.device import DeviceInfo
 from ..fastpath.layout import LAYOUTS, Layout
 from ..fastpath.speed import Speeds, preferred
-from ..reference.datatypes import Storage
+from ..reference.texture_types import Storage
 from . import cache
 
 KIND = "layouts"

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..reference.datatypes import Samples
 from ..reference.placement.dead_edges import Edges, dead_edges, exposed
+from ..reference.texture_types import Samples
 from ..reference.truth.points import PointSet
 from .bake import Baked, lifted
 from .ground_truth import GroundTruth

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..reference import pipeline
-from ..reference.datatypes import F64, I32, Bool, Samples, VirtualTexture
+from ..reference.datatypes import F64, I32, Bool
+from ..reference.texture_types import Samples, VirtualTexture
 from ..reference.truth.points import PointSet
 from ..reference.volume.levels import complete_sets, lod_of_distance
 from .bake import Baked, lifted, plain_samples

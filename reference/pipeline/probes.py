@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..clock import Clock
-from ..datatypes import F32, F64, I32, I64, Bool, Indirection, Scene, VirtualTexture
+from ..datatypes import F32, F64, I32, I64, Bool, Scene
 from ..errors import InputError
 from ..lattice import SHIFT, Grid, Octree, deepened, distinct, make_grid
 from ..placement.addressable import refuse_unaddressable
@@ -19,6 +19,7 @@ from ..placement.voxel_bitmap import VoxelBitmap, build_bitmap
 from ..progress import Progress, silent
 from ..reconstruction import order_for
 from ..sh import Order, basis, coefficient_count, order_of
+from ..texture_types import Indirection, VirtualTexture
 from ..transport.adaptive import Allocation
 from ..transport.direct import arriving, punctual_lights, visible
 from ..transport.form_factors import FormFactors, form_factors

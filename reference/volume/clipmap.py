@@ -13,8 +13,9 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from ..datatypes import F32, F64, I64, U32, Samples, TileTable, Viewer, VirtualTexture
+from ..datatypes import F32, F64, I64, U32
 from ..reconstruction import Reconstruction
+from ..texture_types import Samples, TileTable, Viewer, VirtualTexture
 from .indirection import pack, slot_offset
 from .sampler import sample
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..datatypes import I64, MAX_OFFSET, U32, Indirection
-from ..datatypes import cache_shape as of_tiles
+from ..datatypes import I64, U32
 from ..errors import InputError
+from ..texture_types import MAX_OFFSET, Indirection
+from ..texture_types import cache_shape as of_tiles
 from ..tiling import MAX_TILES, indirection_dims
 from .layout import TileLayout
 

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..datatypes import F32, F64, I32, I64, Viewer
+from ..datatypes import F32, F64, I32, I64
 from ..lattice import Octree
+from ..texture_types import Viewer
 
 
 def lod_of_distance(distance: F32 | F64, d0: float, levels: int) -> I32:

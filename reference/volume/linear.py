@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from ..datatypes import F32, F64, I32, I64, VirtualTexture
+from ..datatypes import F32, F64, I32, I64
 from ..lattice import OCTANTS
+from ..texture_types import VirtualTexture
 from .layout import TEXELS, TileLayout
 from .sampler import MIN_WEIGHT, lattice_position, locate, tile_cell
 from .tiles import PARENT_WEIGHTS, ROOT_WEIGHTS

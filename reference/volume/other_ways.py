@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..datatypes import F32, F64, I32, I64, Bool, Samples, VirtualTexture
+from ..datatypes import F32, F64, I32, I64, Bool
 from ..lattice import OCTANTS
 from ..sh import irradiance_weights
+from ..texture_types import Samples, VirtualTexture
 from .layout import TEXELS
 from .linear import VOXEL_TEXELS
 from .sampler import MIN_WEIGHT, lattice_position, locate

@@ -15,7 +15,8 @@ import math
 
 import numpy as np
 
-from ..datatypes import F32, F64, RatioTexels, Samples, VirtualTexture, pre_exposure, weight_ratio
+from ..datatypes import F32, F64
+from ..texture_types import RatioTexels, Samples, VirtualTexture, pre_exposure, weight_ratio
 from .other_ways import Voxels, answering, lit
 
 RANGE = np.float32(math.sqrt(3.0))

@@ -15,9 +15,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..datatypes import F32, F64, DistanceMaps, Samples, VirtualTexture
+from ..datatypes import F32, F64
 from ..lattice import OCTANTS
 from ..octahedral import read
+from ..texture_types import DistanceMaps, Samples, VirtualTexture
 from .layout import TEXEL_OFFSETS, TEXELS, TileLayout
 from .other_ways import answering, lit, mixed
 

@@ -15,8 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..datatypes import F32, F64, FARTHEST, I32, I64, WEIGHT, Samples, Viewer, VirtualTexture, anchor_cell, check_lod
+from ..datatypes import F32, F64, I32, I64
 from ..reconstruction import Reconstruction, irradiance
+from ..texture_types import FARTHEST, WEIGHT, Samples, Viewer, VirtualTexture, anchor_cell, check_lod
 from .levels import ring_lod
 
 MIN_WEIGHT = np.float32(1.0 / 1024.0)

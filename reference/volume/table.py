@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..datatypes import I32, INVALID, VIRTUAL, TileTable
+from ..datatypes import I32
+from ..texture_types import INVALID, VIRTUAL, TileTable
 from .layout import TileLayout
 
 

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..datatypes import F32, I32, I64, WEIGHT, Bool, Storage, pre_exposure, stored_weight, weight_ratio
+from ..datatypes import F32, I32, I64, Bool
 from ..lattice import OCTANTS
+from ..texture_types import WEIGHT, Storage, pre_exposure, stored_weight, weight_ratio
 from .layout import TEXEL_OFFSETS, TEXELS, TileLayout
 
 

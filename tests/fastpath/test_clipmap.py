@@ -11,8 +11,9 @@ import pytest
 from lightgauge.fastpath.clipmap import Clipmap, Entries, pointers
 from lightgauge.fastpath.device import OpenDevice, open_device
 from lightgauge.fastpath.windows import check_bits, first_cells, in_voxels, tile_edges, window_bytes, window_log2
-from lightgauge.reference.datatypes import F64, I64, TileTable
+from lightgauge.reference.datatypes import F64, I64
 from lightgauge.reference.errors import InputError
+from lightgauge.reference.texture_types import TileTable
 from lightgauge.reference.volume.clipmap import window_texels
 from lightgauge.reference.volume.indirection import pack, slot_offset
 from lightgauge.reference.volume.layout import build_layout

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from lightgauge.fastpath.device import OpenDevice, open_device
 from lightgauge.fastpath.other_ways import Chebyshev, FixedPoint, PerMesh, RatioL1
-from lightgauge.reference.datatypes import DistanceMaps, Samples, VirtualTexture
 from lightgauge.reference.octahedral import bordered_index
+from lightgauge.reference.texture_types import DistanceMaps, Samples, VirtualTexture
 from lightgauge.reference.volume import other_ways as plain
 from lightgauge.reference.volume.other_ways_ratio import encode, ratio_l1
 from lightgauge.reference.volume.other_ways_visibility import chebyshev, served_places

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from lightgauge.fastpath import residency
 from lightgauge.fastpath.residency import AHEAD, Residency, urgency, wanted_tiles
-from lightgauge.reference.datatypes import F64, TileTable
+from lightgauge.reference.datatypes import F64
+from lightgauge.reference.texture_types import TileTable
 from lightgauge.reference.volume.layout import build_layout
 from lightgauge.reference.volume.table import tile_table
 from small_scenes import random_tree

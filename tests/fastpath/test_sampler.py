@@ -15,7 +15,7 @@ from lightgauge.fastpath.device import OpenDevice, open_device
 from lightgauge.fastpath.launch import DeviceSamples
 from lightgauge.fastpath.layout import Layout
 from lightgauge.fastpath.sampler import Sampler
-from lightgauge.reference.datatypes import Samples, Storage, Viewer, VirtualTexture
+from lightgauge.reference.texture_types import Samples, Storage, Viewer, VirtualTexture
 from lightgauge.reference.volume.sampler import sample
 from lightgauge.reference.volume.tiles import stored
 from small_scenes import random_probes, random_tree, random_units, texture_of

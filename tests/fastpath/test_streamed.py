@@ -14,11 +14,12 @@ import pyopencl as cl
 import pyopencl.array
 import pytest
 from lightgauge.fastpath.device import OpenDevice, open_device
-from lightgauge.fastpath.residency import wanted_tiles
+from lightgauge.fastpath.residency import coarsest_need, wanted_tiles, working_set
 from lightgauge.fastpath.sampler import Sampler
-from lightgauge.fastpath.streamed import StreamedTexture, coarsest_need, working_set
-from lightgauge.reference.datatypes import F32, F64, Samples, TileTable, Viewer, VirtualTexture
+from lightgauge.fastpath.streamed import StreamedTexture
+from lightgauge.reference.datatypes import F32, F64
 from lightgauge.reference.errors import InputError
+from lightgauge.reference.texture_types import Samples, TileTable, Viewer, VirtualTexture
 from lightgauge.reference.volume.clipmap import resident_texture, sample_resident, window_texels
 from lightgauge.reference.volume.indirection import build_indirection
 from lightgauge.reference.volume.layout import TileLayout, build_layout

@@ -11,7 +11,8 @@ import pytest
 from lightgauge.fastpath.device import OpenDevice, open_device
 from lightgauge.fastpath.layout import WEIGHT_STEPS, WEIGHT_TYPE, Layout
 from lightgauge.fastpath.tile_cache import TileCache, Tiles
-from lightgauge.reference.datatypes import F32, I32, Storage, TileTable, exposure_of
+from lightgauge.reference.datatypes import F32, I32
+from lightgauge.reference.texture_types import Storage, TileTable, exposure_of
 from lightgauge.reference.volume.layout import TileLayout, build_layout
 from lightgauge.reference.volume.table import tile_table
 from lightgauge.reference.volume.tiles import fill_tiles, probe_texels, with_copies

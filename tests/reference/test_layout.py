@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from lightgauge.reference import tiling
-from lightgauge.reference.datatypes import F32, F64, I64, Bool, VirtualTexture
+from lightgauge.reference.datatypes import F32, F64, I64, Bool
 from lightgauge.reference.lattice import NEIGHBOURS, OCTANTS, Octree, cells, index_of, keys
 from lightgauge.reference.placement.octree import uniform_octree
+from lightgauge.reference.texture_types import VirtualTexture
 from lightgauge.reference.volume.layout import TEXEL_OFFSETS, TileLayout, build_layout
 from lightgauge.reference.volume.sampler import MIN_WEIGHT, resolve
 from lightgauge.reference.volume.tiles import PARENT_WEIGHTS

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from lightgauge.reference.datatypes import Viewer
 from lightgauge.reference.lattice import SHIFT, make_grid
 from lightgauge.reference.placement.octree import uniform_octree
+from lightgauge.reference.texture_types import Viewer
 from lightgauge.reference.volume.layout import build_layout
 from lightgauge.reference.volume.levels import complete_sets, lod_of_distance, ring_lod
 from small_scenes import random_tree

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from lightgauge.reference.datatypes import DistanceMaps, VirtualTexture
 from lightgauge.reference.lattice import OCTANTS
 from lightgauge.reference.octahedral import bordered_index
+from lightgauge.reference.texture_types import DistanceMaps, VirtualTexture
 from lightgauge.reference.transport.distance_moments import REACH, distance_moments
 from lightgauge.reference.visibility import build_geometry
 from lightgauge.reference.volume.layout import TileLayout

@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 import pytest
-from lightgauge.reference.datatypes import VirtualTexture
 from lightgauge.reference.lattice import OCTANTS, Octree
+from lightgauge.reference.texture_types import VirtualTexture
 from lightgauge.reference.volume.sampler import sample
 from small_scenes import random_probes, random_tree, random_units, texture_of, tree_of
 

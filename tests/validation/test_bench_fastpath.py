@@ -12,10 +12,11 @@ from lightgauge.fastpath import device as device_module
 from lightgauge.fastpath import speed
 from lightgauge.fastpath.device import OpenDevice, open_device
 from lightgauge.fastpath.sampler import Sampler
-from lightgauge.reference.datatypes import F32, VIRTUAL
+from lightgauge.reference.datatypes import F32
 from lightgauge.reference.errors import EnvironmentLacks
 from lightgauge.reference.progress import silent
 from lightgauge.reference.sh import irradiance
+from lightgauge.reference.texture_types import VIRTUAL
 from lightgauge.reference.volume.sampler import sample
 from lightgauge.validation import cli, formats
 from lightgauge.validation.benchmarks import fastpath_peers as peers

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 from lightgauge.fastpath.device import OpenDevice, open_device
-from lightgauge.fastpath.streamed import StreamedTexture, working_set
+from lightgauge.fastpath.residency import working_set
+from lightgauge.fastpath.streamed import StreamedTexture
 from lightgauge.reference.datatypes import F64
 from lightgauge.reference.errors import InputError
 from lightgauge.reference.progress import silent

@@ -6,8 +6,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from lightgauge.reference.datatypes import I64, VirtualTexture
+from lightgauge.reference.datatypes import I64
 from lightgauge.reference.lattice import NEIGHBOURS, Grid, cells, keys
+from lightgauge.reference.texture_types import VirtualTexture
 from lightgauge.reference.volume import layout
 from lightgauge.reference.volume.tiles import stored
 from lightgauge.validation.metrics import seams

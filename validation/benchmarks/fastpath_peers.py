@@ -15,9 +15,10 @@ from ...fastpath.arrays import empty, uploaded
 from ...fastpath.device import OpenDevice, pyopencl_module
 from ...fastpath.layout import cache_textures, exposure
 from ...fastpath.sampler import lod_table
-from ...reference.datatypes import F32, WEIGHT, VirtualTexture
+from ...reference.datatypes import F32
 from ...reference.device_arrays import to_f32
 from ...reference.sh import irradiance_weights
+from ...reference.texture_types import WEIGHT, VirtualTexture
 from ...reference.variant import ensure_variant
 from ...reference.volume.sampler import resolve
 

@@ -19,8 +19,9 @@ from ...fastpath.device import OpenDevice, open_device
 from ...fastpath.launch import DeviceSamples
 from ...fastpath.layout import Layout, texel_bytes
 from ...fastpath.sampler import Sampler
-from ...reference.datatypes import F32, F64, Storage, VirtualTexture
+from ...reference.datatypes import F32, F64
 from ...reference.progress import Progress
+from ...reference.texture_types import Storage, VirtualTexture
 from .fastpath_peers import DeviceView, Half4, dense_grid, drjit_texture, map_coordinates, on_device, stream
 from .fastpath_world import HEIGHT, WIDTH, build_world, scattered, view
 from .rows import Group, Row, Wanted, row_of

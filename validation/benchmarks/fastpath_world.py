@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from ...reference.datatypes import F32, F64, I32, I64, Bool, TileTable, VirtualTexture
+from ...reference.datatypes import F32, F64, I32, I64, Bool
 from ...reference.lattice import OCTANTS, Grid, Octree, cells, keys
 from ...reference.placement.subdivision import NOTHING, all_children, corner_keys
+from ...reference.texture_types import TileTable, VirtualTexture
 from ...reference.volume.indirection import build_indirection
 from ...reference.volume.layout import TileLayout, build_layout
 from ...reference.volume.table import tile_table

@@ -17,10 +17,11 @@ import numpy as np
 from ...reference import pipeline
 from ...reference.config import SceneSettings
 from ...reference.config_base import Vec3
-from ...reference.datatypes import F64, BitmapLayer, Material, Mesh, Scene, VirtualTexture
+from ...reference.datatypes import F64, BitmapLayer, Material, Mesh, Scene
 from ...reference.lattice import OCTANTS
 from ...reference.placement.dead_edges import light_from
 from ...reference.progress import silent
+from ...reference.texture_types import VirtualTexture
 from ...reference.truth.points import inside_share
 from ...reference.turned import TurnedBox, rotation_matrix, turned
 from ...reference.volume.indirection import build_indirection

@@ -22,8 +22,9 @@ import numpy as np
 from ...fastpath.device import OpenDevice, open_device
 from ...fastpath.streamed import StreamedTexture
 from ...fastpath.tile_cache import TileCache, Tiles
-from ...reference.datatypes import F32, F64, VIRTUAL, TileTable
+from ...reference.datatypes import F32, F64
 from ...reference.progress import Progress
+from ...reference.texture_types import VIRTUAL, TileTable
 from .fastpath_peers import DeviceView, on_device
 from .fastpath_rows import Kernels
 from .fastpath_world import World, build_world, grid_of, height, view

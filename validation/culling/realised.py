@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...reference import pipeline
-from ...reference.datatypes import F64, Samples
+from ...reference.datatypes import F64
+from ...reference.texture_types import Samples
 from ...reference.truth.points import PointSet
 from ..bake import Baked, plain_samples
 from ..ground_truth import GroundTruth

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ...reference.datatypes import Samples
 from ...reference.progress import Progress
+from ...reference.texture_types import Samples
 from ...reference.truth.points import PointSet
 from ..bake import Baked
 from ..ground_truth import GroundTruth

@@ -13,8 +13,9 @@ import numpy as np
 
 from ...fastpath.device import OpenDevice
 from ...fastpath.streamed import Moved, StreamedTexture
-from ...reference.datatypes import F32, F64, Samples
+from ...reference.datatypes import F32, F64
 from ...reference.progress import Progress
+from ...reference.texture_types import Samples
 from .change import Still, jumps
 from .paths import Path
 from .plan import BLEND

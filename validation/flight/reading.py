@@ -9,7 +9,8 @@ import numpy as np
 from ...fastpath.device import OpenDevice
 from ...fastpath.launch import DeviceSamples
 from ...fastpath.streamed import StreamedTexture
-from ...reference.datatypes import F32, F64, I32, Samples, Viewer
+from ...reference.datatypes import F32, F64, I32
+from ...reference.texture_types import Samples, Viewer
 from .world import Watched, World
 
 # A point may differ by this share of the mean light from what the whole texture answers at the same level: twice what half floats keep.

@@ -10,9 +10,10 @@ from ...fastpath.device import OpenDevice
 from ...fastpath.sampler import Sampler
 from ...reference import pipeline
 from ...reference.config import CameraSettings
-from ...reference.datatypes import F32, F64, Scene, Storage, TileTable, VirtualTexture
+from ...reference.datatypes import F32, F64, Scene
 from ...reference.errors import InputError
 from ...reference.progress import Progress
+from ...reference.texture_types import Storage, TileTable, VirtualTexture
 from ...reference.truth.points import Points, PointSet, camera_directions, choose_points
 from ...reference.visibility import Geometry, cast, points_on_triangles, to_box, vectors
 from ...reference.volume.table import tile_table

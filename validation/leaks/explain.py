@@ -11,8 +11,9 @@ import numpy as np
 
 from ...fastpath.device import OpenDevice
 from ...reference import pipeline
-from ...reference.datatypes import BitmapLayer, Samples, Scene
+from ...reference.datatypes import BitmapLayer, Scene
 from ...reference.progress import Progress
+from ...reference.texture_types import Samples
 from ...reference.truth.points import PointSet
 from ..bake import Baked, bake, lifted, sample_points
 from ..ground_truth import GroundTruth, ground_truth

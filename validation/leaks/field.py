@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...reference.datatypes import F32, F64, I32, I64, VirtualTexture
+from ...reference.datatypes import F32, F64, I32, I64
 from ...reference.lattice import Octree, index_of, keys
 from ...reference.sh import COSINE_A0, Y0, irradiance_weights
+from ...reference.texture_types import VirtualTexture
 from ...reference.visibility import Geometry
 from ...reference.volume.layout import TileLayout
 from ..bake import Baked

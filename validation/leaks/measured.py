@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...reference.datatypes import F64, Bool, Samples, Scene
+from ...reference.datatypes import F64, Bool, Scene
+from ...reference.texture_types import Samples
 from ...reference.truth.points import PointSet
 from ...reference.turned import TurnedBox, turned, turned_boxes
 from ...reference.visibility import Geometry

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...reference.datatypes import F64, I64, Scene, VirtualTexture
+from ...reference.datatypes import F64, I64, Scene
 from ...reference.directions import sobol
 from ...reference.lattice import Octree
+from ...reference.texture_types import VirtualTexture
 from ...reference.visibility import LIFT, Geometry, points_on_triangles
 from ...reference.volume.sampler import lattice_position, resolve
 from .field import holding_level

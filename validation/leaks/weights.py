@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...reference.datatypes import F64, I32, I64, Bool, VirtualTexture
+from ...reference.datatypes import F64, I32, I64, Bool
 from ...reference.lattice import OCTANTS
+from ...reference.texture_types import VirtualTexture
 from ...reference.volume.layout import TEXELS, TileLayout
 from ...reference.volume.sampler import lattice_position, locate, resolve, tile_cell
 from ...reference.volume.tiles import PARENT_WEIGHTS, ROOT_WEIGHTS

@@ -12,9 +12,10 @@ import math
 
 import numpy as np
 
-from ...reference.datatypes import F64, I32, I64, Samples, VirtualTexture
+from ...reference.datatypes import F64, I32, I64
 from ...reference.placement.dead_edges import ALONG, Edges
 from ...reference.placement.validity import back_share
+from ...reference.texture_types import Samples, VirtualTexture
 from ...reference.visibility import Geometry
 from ...reference.volume.sampler import lattice_position, locate, sample
 from .error import Measured

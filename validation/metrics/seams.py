@@ -18,9 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...reference.datatypes import F64, VirtualTexture
+from ...reference.datatypes import F64
 from ...reference.directions import sphere
 from ...reference.sh import COSINE_A0, COSINE_A1, Y0, Y1, irradiance_weights
+from ...reference.texture_types import VirtualTexture
 from ...reference.volume.sampler import MIN_WEIGHT, locate, resolve
 from .error import Measured
 
