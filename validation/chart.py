@@ -131,6 +131,8 @@ def settings(scene: Scene, surfaces: pipeline.Surfaces, seed: int) -> Iterator[S
             if key not in seen:  # thresholds may agree
                 seen.add(key)
                 yield Setting("adaptive", _name(threshold, octree), changed, octree, threshold == asked)
+                if threshold == asked and scene.settings.sampling.reconstruction != "l2":
+                    yield Setting("l2", _name(threshold, octree), with_order_2(changed), octree)
     lower, upper = pipeline.probe_bounds(scene, surfaces.geometry)
     for nodes in UNIFORM:
         octree = pipeline.place_uniform(scene, surfaces, uniform_voxel(float((upper - lower).max()), nodes))
@@ -151,6 +153,12 @@ def with_placement(scene: Scene, **values: Any) -> Scene:
     """The scene with other placement settings."""
     placement = scene.settings.placement.model_copy(update=values)
     return dataclasses.replace(scene, settings=scene.settings.model_copy(update={"placement": placement}))
+
+
+def with_order_2(scene: Scene) -> Scene:
+    """The scene with light of order 2 in its probes."""
+    sampling = scene.settings.sampling.model_copy(update={"reconstruction": "l2"})
+    return dataclasses.replace(scene, settings=scene.settings.model_copy(update={"sampling": sampling}))
 
 
 def _row(s: Setting, baked: Baked, target: Target) -> dict[str, Any]:

@@ -3,6 +3,7 @@
     per_mesh      the texture sampled once, at the middle of each mesh
     chebyshev     eight loads weighted by visibility (RTXGI-DDGI): distance maps for every texel, traced once a bake
     ratio_l1      L1 kept as bytes relative to L0 and filtered before it is decoded (Unity's Adaptive Probe Volumes)
+    nonlinear     irradiance from the same four coefficients by Hazel's formula, zh3 by ZH3's (reference/reconstruction.py)
     fixed_point   fractions of 8 bits, as texture units interpolate (failure-catalogue E1)
 
 All read the texels of the virtual texture whose rows stand beside them, at the same points. Light of an update reaches them as it
@@ -19,6 +20,8 @@ import numpy as np
 
 from ..fastpath.device import OpenDevice
 from ..fastpath.other_ways import Chebyshev, FixedPoint, PerMesh, RatioL1
+from ..fastpath.sampler import Sampler
+from ..reference.config_base import Reconstruction
 from ..reference.datatypes import F64
 from ..reference.progress import Progress, silent
 from ..reference.texture_types import DistanceMaps
@@ -30,16 +33,20 @@ from .bake import REPEATS, Baked, lifted
 from .chart_rows import Target, Way, measured_row
 from .report.words import number, percent, size
 
+OF_ORDER_1: tuple[Reconstruction, ...] = ("nonlinear", "zh3")
+
 
 def way_rows(
     baked: Baked, setting: str, device: OpenDevice, target: Target, progress: Progress = silent
 ) -> list[dict[str, Any]]:
     """The rows of all other ways on `baked`, a placement called `setting`."""
+    own = baked.scene.settings.sampling.reconstruction
     ways = [
         _per_mesh(baked, setting, device),
         _chebyshev(baked, setting, device, progress),
         _ratio(baked, setting, device, target.pixels),
         _fixed(baked, setting, device, target.pixels),
+        *(_reconstructed(baked, setting, device, method) for method in OF_ORDER_1 if method != own),
     ]
     return [measured_row(baked, target, way) for way in ways]
 
@@ -47,6 +54,11 @@ def way_rows(
 def _costs(baked: Baked, held: int, update_ms: float = 0.0) -> tuple[int, float]:
     """Bytes of the bake and of what the way holds on the device; update time with what the way adds, ms."""
     return int(baked.cost["probe_bytes"]) + held, baked.cost["probe_update_ms"] + update_ms
+
+
+def _reconstructed(baked: Baked, setting: str, device: OpenDevice, method: Reconstruction) -> Way:
+    sampler = Sampler(device, baked.texture, baked.storage, baked.layout, method)
+    return Way(method, setting, *_costs(baked, sampler.bytes), sampler, lambda p, n, _: sampler(p, n).irradiance)
 
 
 def _per_mesh(baked: Baked, setting: str, device: OpenDevice) -> Way:

@@ -32,18 +32,23 @@ FRONTS = {"probes": "probes", "bytes": "bytes", "update_ms": "update", "sample_n
 METHODS = {
     "adaptive": ("virtual texture, octree", "#3b82d6", "circle"),
     "uniform": ("uniform grid", "#cf6d10", "square"),
+    "l2": ("light of order 2", "#1b4f8f", "diamond"),
+    "zh3": ("order 2 guessed, ZH3", "#5fa8e6", "bar"),
+    "nonlinear": ("non-linear, Hazel", "#12806f", "post"),
     "per_mesh": ("one sample a mesh", "#2e9e5b", "triangle"),
     "chebyshev": ("eight loads with visibility", "#b0499f", "inverted"),
     "ratio_l1": ("L1 as ratios, 16 bytes", "#8d7a0b", "bowtie"),
     "fixed_point": ("8-bit fractions", "#c23b3b", "plus"),
 }
-OTHER = ("#8a8f98", "diamond")
+OTHER = ("#8a8f98", "square")
 # Corners in radii of a mark, y down.
 POLYGONS = {
     "triangle": ((0.0, -1.2), (1.1, 0.8), (-1.1, 0.8)),
     "inverted": ((0.0, 1.2), (1.1, -0.8), (-1.1, -0.8)),
     "diamond": ((0.0, -1.2), (1.2, 0.0), (0.0, 1.2), (-1.2, 0.0)),
     "bowtie": ((-1.1, -1.0), (1.1, 1.0), (1.1, -1.0), (-1.1, 1.0)),
+    "bar": ((-1.3, -0.5), (1.3, -0.5), (1.3, 0.5), (-1.3, 0.5)),
+    "post": ((-0.5, -1.3), (0.5, -1.3), (0.5, 1.3), (-0.5, 1.3)),
     "plus": ((-0.4, -1.2), (0.4, -1.2), (0.4, -0.4), (1.2, -0.4), (1.2, 0.4), (0.4, 0.4), (0.4, 1.2), (-0.4, 1.2), (-0.4, 0.4),
              (-1.2, 0.4), (-1.2, -0.4), (-0.4, -0.4)),
 }  # fmt: skip
