@@ -82,6 +82,7 @@ class Launcher:
         # Eight samples side by side where a core runs one work item at a time, and neighbours can share what they fetch.
         self._lanes = 8 if device.info.kind == "cpu" and layout == "packed" and reconstruction in LANES_FOR else 1
         self._options += [f"-DLANES={self._lanes}"]
+        self._kernels: dict[tuple[str, ...], Any] = {}
         self._pending: deque[tuple[Any, tuple[Any, ...]]] = deque()
 
     def __call__(
@@ -126,7 +127,13 @@ class Launcher:
         chosen = ["-DLOD_DISTANCE"] if isinstance(lod, Viewer) else ["-DLOD_OWN"] if np.ndim(lod) else ["-DLOD_ALL"]
         chosen += ["-DBLEND"] if isinstance(lod, Viewer) and lod.blend > 0.0 else []
         chosen += ["-DOWNERS"] if source.owners is not None else []
-        return pyopencl_module().Kernel(program(self.device, "sampler.cl", [*self._options, *chosen]), "sample")
+        key = tuple(chosen)
+        if (
+            key not in self._kernels
+        ):  # kept, as pyopencl writes the code of its first launch anew for each kernel object (0.2 ms)
+            built = program(self.device, "sampler.cl", [*self._options, *chosen])
+            self._kernels[key] = pyopencl_module().Kernel(built, "sample")
+        return self._kernels[key]
 
     def _enqueue(
         self, kernel: Any, words: Any, source: Source, lods: Any, p: Any, d: Any, out: DeviceSamples, n: int

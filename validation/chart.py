@@ -77,7 +77,7 @@ def chart_scenes(
 
 def chart(scene: Scene, device: OpenDevice, seed: int, progress: ProgressBar) -> dict[str, Any]:
     """The chart of one scene (results.json, one of "charts"), from the cache if nothing changed."""
-    name = result_key(scene, seed)
+    name = result_key(scene, seed, device)
     kept = cache.load("chart", name)
     if kept is not None:
         value: dict[str, Any] = cache.unpack_json(kept["chart"])

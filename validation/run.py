@@ -17,6 +17,7 @@ from ..reference.variant import ensure_variant
 from . import cache
 from .flight.plan import FlightPlan
 from .flight.story import with_flight
+from .formats import sampling_format
 from .leaks.story import recalled_story, write_story
 from .measure import measure_scene
 from .progress_bar import ProgressBar
@@ -47,7 +48,7 @@ def run_scenes(
         with ProgressBar(scene.name, quiet) as progress:
             record, pictures = recalled(scene, device, seed, progress, alone=len(scenes) == 1)
             if explain is not None and record["status"] == "ok":
-                story = recalled_story(result_key(scene, seed), scene, device, seed, progress)
+                story = recalled_story(result_key(scene, seed, device), scene, device, seed, progress)
                 written = write_story(out, scene.name, story, explain(number, scene.name))
                 record = {**record, "leaks": written["leaks"], "files": {**record["files"], **written["files"]}}
             if flight is not None and record["status"] == "ok":
@@ -58,7 +59,7 @@ def run_scenes(
         "schema": 1,
         "provenance": provenance(device, overrides, seed, command),
         "scenes": records,
-        "charts": kept_charts(scenes, seed),
+        "charts": kept_charts(scenes, seed, device),
     }
     return write_report(out, results, views)
 
@@ -68,7 +69,7 @@ def _flown(
 ) -> dict[str, Any]:  # fmt: skip
     """The record with the scene's flight. A flight that cannot be flown fails its scene alone, unless it is `alone`."""
     try:
-        return with_flight(record, result_key(scene, seed), flight, scene, device, seed, progress)
+        return with_flight(record, result_key(scene, seed, device), flight, scene, device, seed, progress)
     except InputError as error:
         if alone:
             raise
@@ -85,16 +86,19 @@ def load_all(sources: Sequence[Path], overrides: Mapping[str, Any]) -> list[Scen
     return scenes
 
 
-def result_key(scene: Scene, seed: int) -> str:
-    """Key of a finished result: all that it depends on."""
-    return cache.key("result", scene.content_hash, scene.name, seed, cache.code_hash(*MEASURED_BY, "validation"))
+def result_key(scene: Scene, seed: int, device: OpenDevice) -> str:
+    """Key of a finished result: all that it depends on, the layout that this device samples among it."""
+    layout = sampling_format(device.info, scene.settings.sampling.reconstruction)
+    return cache.key(
+        "result", scene.content_hash, scene.name, seed, layout, cache.code_hash(*MEASURED_BY, "validation")
+    )
 
 
 def recalled(
     scene: Scene, device: OpenDevice, seed: int, progress: ProgressBar, alone: bool
 ) -> tuple[dict[str, Any], list[SceneView]]:
     """Measure, or recall what was measured before. A scene that cannot be measured fails alone, unless it is `alone`."""
-    name = result_key(scene, seed)
+    name = result_key(scene, seed, device)
     kept = cache.load("result", name)
     if kept is not None:
         return unpack(kept)
@@ -135,11 +139,11 @@ def unpack(arrays: cache.Arrays) -> tuple[dict[str, Any], list[SceneView]]:
     return cache.unpack_json(arrays["record"]), views
 
 
-def kept_charts(scenes: Sequence[Scene], seed: int) -> list[dict[str, Any]]:
+def kept_charts(scenes: Sequence[Scene], seed: int, device: OpenDevice) -> list[dict[str, Any]]:
     """Charts made before for exactly these scenes, to show beside them."""
     charts = []
     for scene in scenes:
-        kept = cache.load("chart", result_key(scene, seed))
+        kept = cache.load("chart", result_key(scene, seed, device))
         if kept is not None:
             charts.append(cache.unpack_json(kept["chart"]))
     return charts
