@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+from collections import deque
 from dataclasses import dataclass, field
 from glob import glob
 from typing import Any, Literal
@@ -50,12 +51,22 @@ class DeviceInfo:
 
 @dataclass(frozen=True, eq=False)
 class OpenDevice:
-    """A device ready for work: pyopencl context and in-order queue with profiling. programs: those built so far (see `programs`)."""
+    """A device ready for work: pyopencl context and in-order queue with profiling. programs: those built so far (see `programs`).
+    pending: launches that are not known to be over, and what they read (see `keep`)."""
 
     info: DeviceInfo
     context: Any
     queue: Any
     programs: dict[Any, Any] = field(default_factory=dict)
+    pending: deque[tuple[Any, tuple[Any, ...]]] = field(default_factory=deque)
+
+    def keep(self, event: Any, arguments: tuple[Any, ...]) -> None:
+        """Hold the arguments of a launch until it is over. OpenCL does not own them: on PoCL an image sampler that its owner lets go
+        of too early gives a wrong picture."""
+        complete = pyopencl_module().command_execution_status.COMPLETE
+        while self.pending and self.pending[0][0].command_execution_status == complete:
+            self.pending.popleft()
+        self.pending.append((event, arguments))
 
 
 def pyopencl_module() -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from ..reference.datatypes import F64
 from ..reference.texture_types import Samples, Storage, Viewer, check_lod
-from .arrays import check_triples, empty, is_on_device, uploaded
+from .arrays import buffer_of, check_triples, empty, events_of, is_on_device, uploaded
 from .device import OpenDevice, pyopencl_module
 from .grid import Lattice, grid_words
 from .layout import Layout, build_options, check_format
@@ -51,6 +50,12 @@ class DeviceSamples:
     wrong: Any
     event: Any
 
+    def fits(self, count: int, counted: bool) -> bool:
+        """True for results of `count` samples, with wrong reads counted or not."""
+        wanted = ((self.irradiance, (count, 3)), (self.level, (count,)), (self.weight, (count,)))
+        whole = all(tuple(a.shape) == shape and a.offset == 0 for a, shape in wanted)
+        return whole and (self.wrong is not None) == counted and (self.wrong is None or len(self.wrong) == count)
+
     def host(self) -> Samples:
         """A copy on the host; waits."""
         return Samples(self.irradiance.get(), self.level.get(), self.weight.get())
@@ -83,7 +88,6 @@ class Launcher:
         self._lanes = 8 if device.info.kind == "cpu" and layout == "packed" and reconstruction in LANES_FOR else 1
         self._options += [f"-DLANES={self._lanes}"]
         self._kernels: dict[tuple[str, ...], Any] = {}
-        self._pending: deque[tuple[Any, tuple[Any, ...]]] = deque()
 
     def __call__(
         self, lattice: Lattice, source: Source, positions: Any, normals: Any, lod: Any = None, anchor: F64 | None = None,
@@ -97,8 +101,10 @@ class Launcher:
         on_device = is_on_device(positions)
         if on_device != is_on_device(normals):
             raise ValueError("positions and normals must both be on the host or both on the device")
-        if out is not None and (not on_device or len(out.level) != n or (out.wrong is None) != (source.owners is None)):
-            raise ValueError(f"out must be results of {n} samples on the device from the same texture")
+        if out is not None and not (on_device and out.fits(n, source.owners is not None)):
+            raise ValueError(
+                f"out must be results of {n} samples on the device, with wrong reads counted or not as here"
+            )
         at = lattice.origin if anchor is None else np.asarray(anchor, dtype=np.float64)
         words = grid_words(lattice, at, lod, source.exposure)
         lods = None
@@ -143,13 +149,10 @@ class Launcher:
         arguments = [*source.textures, source.indirection, source.lods, words]
         arguments += [] if lods is None else [lods]
         read_written = (p, d, out.irradiance, out.level, out.weight)
-        arguments += [a.base_data if is_on_device(a) else a for a in read_written]
+        arguments += [buffer_of(a) for a in read_written]
         arguments.append(np.int32(n))
-        arguments += [] if out.wrong is None else [source.owners, out.wrong.base_data]
-        event = kernel(self.device.queue, *grouped(-(-n // self._lanes)), *arguments)
-        # OpenCL does not own kernel arguments: all of them, samplers and caller's arrays too, must live until the launch is over.
-        complete = pyopencl_module().command_execution_status.COMPLETE
-        while self._pending and self._pending[0][0].command_execution_status == complete:
-            self._pending.popleft()
-        self._pending.append((event, (*arguments, *read_written)))
+        arguments += [] if out.wrong is None else [source.owners, buffer_of(out.wrong)]
+        shape = grouped(-(-n // self._lanes))
+        event = kernel(self.device.queue, *shape, *arguments, wait_for=events_of(p, d) or None)
+        self.device.keep(event, (*arguments, *read_written))
         return dataclasses.replace(out, event=event)

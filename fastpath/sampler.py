@@ -3,6 +3,7 @@ viewer are `streamed`'s."""
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from ..reference.texture_types import Storage, Viewer, VirtualTexture
 from .arrays import uploaded
 from .device import OpenDevice
 from .grid import Lattice
-from .images import image_arguments
+from .images import image_arguments, image_texel_bytes
 from .launch import DeviceSamples, Launcher, Source
 from .layout import CacheTextures, Layout, cache_textures, exposure
 from .tile_cache import TileCache
@@ -40,10 +41,14 @@ class Sampler:
         if reconstruction == "l2" and channels != 28:
             raise ValueError(f"reconstruction 'l2' wants texels of 28 channels, got {channels}")
         self._launcher = Launcher(device, storage, layout, reconstruction)
+        self._filled = filled
+        if filled is not None:
+            _check_filled(filled, texture, storage, layout, reconstruction == "l2")
         if filled is None:
             held = cache_textures(texture, storage, layout)
             if layout == "images" and held.weight is not None:
-                textures, size = image_arguments(device, held.light, held.weight), held.bytes
+                textures = image_arguments(device, held.light, held.weight)
+                size = held.weight.size * image_texel_bytes(storage)
             else:
                 textures, size = _uploaded(device, held, reconstruction == "l2")
             divisor = exposure(texture, storage)
@@ -69,7 +74,10 @@ class Sampler:
         in new memory or in that of `out`.
         Raises ValueError on other shapes or types, and for a `lod` that the texture does not have.
         """
-        return self._launcher(self._lattice, self._source, positions, normals, lod, anchor, out)
+        source = self._source
+        if self._filled is not None:  # whose light may be new since
+            source = dataclasses.replace(source, exposure=self._filled.exposure)
+        return self._launcher(self._lattice, source, positions, normals, lod, anchor, out)
 
     def on_device(
         self,
@@ -83,6 +91,18 @@ class Sampler:
         found = self(positions, normals, lod, anchor, out)
         assert isinstance(found, DeviceSamples)
         return found
+
+
+def _check_filled(cache: TileCache, texture: VirtualTexture, storage: Storage, layout: Layout, order2: bool) -> None:
+    """Raises ValueError for a cache in another format, or that cannot hold this texture's tiles in its slots."""
+    held, asked = (cache.storage, cache.layout, cache.order2), (storage, layout, order2)
+    if held != asked:
+        raise ValueError(f"the cache holds {held} (storage, layout, order 2), asked for {asked}")
+    if (cache.shape != texture.indirection.cache).any() or cache.resident != len(texture.texels):
+        raise ValueError(
+            f"the cache has {cache.resident} tiles in {cache.shape} slots, the texture {len(texture.texels)} in "
+            f"{texture.indirection.cache}: they come from different bakes"
+        )
 
 
 def _uploaded(device: OpenDevice, cache: CacheTextures, order2: bool) -> tuple[tuple[Any, ...], int]:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ..reference.datatypes import F32, I32
 from ..reference.texture_types import Storage, cache_shape, exposure_of
-from .arrays import empty, is_on_device, uploaded
+from .arrays import buffer_of, check_contiguous, empty, is_on_device, uploaded
 from .device import OpenDevice, pyopencl_module
 from .images import empty_images, image_texel_bytes
 from .layout import LIGHT_TYPE, PACKED_SIZE, TEXELS, Layout, build_options, check_format, texel_bytes
@@ -55,13 +55,24 @@ class _Lists:
 class TileCache:
     """Slots on a device. Light comes with `relight`, tiles with `put`. `seconds`: device time of the last of the two."""
 
-    def __init__(self, device: OpenDevice, slots: int, storage: Storage, layout: Layout, order2: bool = False) -> None:
-        """Room for `slots` tiles, all zero. layout: packed, or images. Raises ValueError for a format that does not exist, or more
+    def __init__(
+        self,
+        device: OpenDevice,
+        slots: int,
+        storage: Storage,
+        layout: Layout,
+        order2: bool = False,
+        used: I32 | None = None,
+    ) -> None:
+        """Room for `slots` tiles, all zero. layout: packed, or images. used: probes that tiles may take light from, of which the
+        brightest sets the exposure; all if None. Raises ValueError for a format that does not exist, or more
         tiles than an indirection texel addresses; EnvironmentLacks where the device cannot hold them."""
         check_format(storage, layout)
         if layout == "split" or (order2 and layout != "packed"):
             raise ValueError(f"a tile cache is packed, or images with light of order 1, got {layout}")
-        self._device, self._storage, self._layout, self._order2 = device, storage, layout, order2
+        self._device, self.storage, self.layout, self.order2 = device, storage, layout, order2
+        self._all_used, self._used = used is None, np.zeros(0, np.int32) if used is None else np.asarray(used, np.int32)
+        self._used_there = uploaded(device, self._used)
         self.shape = cache_shape(slots)
         self.capacity = slots
         self.exposure, self.seconds = 1.0, 0.0
@@ -84,18 +95,18 @@ class TileCache:
         places = int(np.prod(self.shape))
         zeros = pyopencl.array.zeros
         self.owners = zeros(self._device.queue, (places, 4), np.int32).base_data
-        if self._layout == "images":
-            self._images = empty_images(self._device, self.shape, self._storage)
+        if self.layout == "images":
+            self._images = empty_images(self._device, self.shape, self.storage)
             self.textures = self._images
-            self.bytes = places * (TEXELS * image_texel_bytes(self._storage) + 16)
+            self.bytes = places * (TEXELS * image_texel_bytes(self.storage) + 16)
             return
-        kind = LIGHT_TYPE[self._storage]
+        kind = LIGHT_TYPE[self.storage]
         made = [
             zeros(self._device.queue, (places * TEXELS, PACKED_SIZE), kind).base_data
-            for _ in range(2 if self._order2 else 1)
+            for _ in range(2 if self.order2 else 1)
         ]
         self.textures = tuple(made)
-        self.bytes = places * (len(made) * TEXELS * texel_bytes(self._storage, "packed") + 16)
+        self.bytes = places * (len(made) * TEXELS * texel_bytes(self.storage, "packed") + 16)
 
     @property
     def resident(self) -> int:
@@ -104,22 +115,32 @@ class TileCache:
 
     def relight(self, light: Any) -> None:
         """New light for all tiles: radiance SH (P, 4 or 9, 3) f32 of the world's probes, on the host or on the device. It is kept,
-        and not copied where it is on the device already: tiles that are put later take theirs from it.
+        as a copy where it is on the host and as it is on the device: tiles that are put later take theirs from it.
 
         Raises ValueError for another shape or type.
         """
-        components = 9 if self._order2 else 4
-        shape, kind = getattr(light, "shape", ()), getattr(light, "dtype", None)
+        components = 9 if self.order2 else 4
+        shape: Any = getattr(light, "shape", ())
+        kind = getattr(light, "dtype", None)
         if len(shape) != 3 or tuple(shape[1:]) != (components, 3) or kind != np.float32:
             raise ValueError(f"light must be (P, {components}, 3) float32, got {shape} {kind}")
+        check_contiguous("light", light)
+        most = max(int(self._resident.sources.max(initial=-1)), int(self._used.max(initial=-1)))
+        if most >= shape[0]:
+            raise ValueError(
+                f"light of {shape[0]} probes for tiles that name probe {most}: they come from different bakes"
+            )
         if is_on_device(light) != (self._probes is not None):
             self._lists = None  # sources number other probes then
-        self._light = light
+        self._light = light if is_on_device(light) else np.array(light)
         self._probes = light if is_on_device(light) else None
-        self.exposure = 1.0 if self._storage == "float32" else exposure_of(self._brightest(light))
+        self.exposure, spent = 1.0, 0.0
+        if self.storage != "float32":
+            brightest, spent = self._brightest(light)
+            self.exposure = exposure_of(brightest)
         lists, used = self._lists or self._all()
         self._lists = (lists, used)
-        self.seconds = self._filled(lists, used)
+        self.seconds = spent + self._filled(lists, used)
 
     def put(self, tiles: Tiles) -> int:
         """Put tiles into their slots, lit. Parents must be in the cache or among them. Returns the bytes uploaded.
@@ -134,6 +155,12 @@ class TileCache:
         if tiles.slot.min() < 0 or tiles.slot.max() >= self.capacity or (np.diff(tiles.level) < 0).any():
             raise ValueError(
                 f"slots must be 0 … {self.capacity - 1} and levels ascend, got {tiles.slot} and {tiles.level}"
+            )
+        most, above = int(tiles.sources.max(initial=-1)), tiles.parent
+        if most >= len(self._light) or above.min() < -1 or above.max() >= self.capacity:
+            raise ValueError(
+                f"sources must be below the {len(self._light)} probes that light is known of and parents slots or -1, got "
+                f"{most} and {above.min()} … {above.max()}"
             )
         for name in ("slot", "parent", "octant", "level", "cell", "sources"):
             getattr(self._resident, name)[tiles.slot] = getattr(tiles, name)
@@ -156,14 +183,17 @@ class TileCache:
         order = np.flatnonzero(self._resident.level > 0)
         return self._upload(self._resident.take(order[np.argsort(self._resident.level[order], kind="stable")]))
 
-    def _brightest(self, light: Any) -> float:
-        """Largest absolute value among those that are finite."""
+    def _brightest(self, light: Any) -> tuple[float, float]:
+        """Largest absolute value, of those that are finite, of the probes that tiles may take light from; seconds on the device."""
         if not is_on_device(light):
-            values: F32 = np.abs(light)
-            return float(values.max(initial=0.0, where=np.isfinite(values)))
+            values: F32 = np.abs(light if self._all_used else light[self._used])
+            return float(values.max(initial=0.0, where=np.isfinite(values))), 0.0
         found = empty(self._device, (_LANES,), np.float32)
-        self._most(self._device.queue, (_LANES,), (_LANES,), light.base_data, np.int64(light.size), found.base_data)
-        return float(found.get().max())
+        count = len(light) if self._all_used else len(self._used)
+        which = (np.int32(self._all_used), self._used_there, np.int32(count))
+        event = self._most(self._device.queue, (_LANES,), (_LANES,), light.base_data, *which, found.base_data)
+        brightest = float(found.get().max())
+        return brightest, 1e-9 * (event.profile.end - event.profile.start)
 
     def _upload(self, tiles: Tiles) -> tuple[_Lists, npt.NDArray[np.integer] | None]:
         """The tiles on the device, and which probes their sources number: only those go up with them; None where all light is there."""
@@ -185,7 +215,7 @@ class TileCache:
         probes = self._probes
         if probes is None:
             probes = uploaded(self._device, self._light[used])
-        light = probes.base_data if is_on_device(probes) else probes
+        light = buffer_of(probes)
         cache, exposure = np.array([*self.shape, 0], np.int32), np.float32(self.exposure)
         events = []
         for first, end in zip(lists.begin[:-1], lists.begin[1:], strict=True):

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from ..reference.datatypes import F64, I32, I64
 from ..reference.errors import InputError
-from ..reference.texture_types import MAX_OFFSET
+from ..reference.texture_types import FARTHEST, MAX_OFFSET
 
 _LEAST_LOG2 = 3  # windows of fewer texels do not nest
 _SLACK = 1e-4  # share of d₀; kernels decide on distance in single precision
@@ -78,8 +78,10 @@ def window_bytes(log2: int, level: int) -> int:
 def in_voxels(viewer: F64, origin: F64, finest: float) -> F64:
     """Viewer (3,) m in finest voxels from `origin` (3,). Raises ValueError unless it is three finite numbers."""
     at = np.asarray(viewer, dtype=np.float64)
-    if at.shape != (3,) or not np.isfinite(at).all():
-        raise ValueError(f"expected a viewer of three finite numbers, got {viewer}")
+    if at.shape != (3,) or not np.isfinite(at).all() or np.abs(at - origin).max() > FARTHEST * finest:
+        raise ValueError(
+            f"expected a viewer of three finite numbers within 2^29 finest voxels of the origin, got {viewer}"
+        )
     return np.asarray((at - origin) / finest)
 
 

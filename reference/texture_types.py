@@ -77,6 +77,12 @@ class TileTable:
         """Number of tiles."""
         return len(self.parent)
 
+    def used(self) -> I32:
+        """Probes that some texel takes its light from, ascending."""
+        named = np.zeros(self.probes, dtype=bool)
+        named[self.sources[self.sources >= 0]] = True
+        return np.flatnonzero(named).astype(np.int32)
+
 
 Storage = Literal["float32", "half", "half16", "half8"]
 WEIGHT = 12  # the channel of a texel that holds its weight
@@ -91,7 +97,7 @@ def pre_exposure(texels: F32) -> float:
 def exposure_of(brightest: float) -> float:
     """Power of two by which light is divided before it is stored as half floats, from its largest absolute value: that then
     lies in 16,384 … 32,768, where nothing overflows and eight decades below keep their precision."""
-    return 2.0 ** (math.ceil(math.log2(brightest)) - 15) if brightest > 0.0 else 1.0
+    return 2.0 ** max(math.ceil(math.log2(brightest)) - 15, -126) if brightest > 0.0 else 1.0
 
 
 def cache_shape(tiles: int) -> I64:

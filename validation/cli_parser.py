@@ -200,7 +200,7 @@ def _formfactor(verbs: Any) -> None:
 
 def _bench(verbs: Any) -> None:
     parser = _verb(verbs, "bench", "speed and memory as ratios to peers and to the machine's limits")
-    parser.add_argument("name", nargs="*", metavar="NAME", help="bench: transport, placement (default all)")
+    parser.add_argument("name", nargs="*", metavar="NAME", help="bench: transport, placement, fastpath (default all)")
     parser.add_argument(
         "--row", action="append", default=[], metavar="NAME", help="measure only this row; repeatable (default all)"
     )

@@ -15,7 +15,7 @@ from ..fastpath.layout import Layout
 from ..fastpath.sampler import Sampler
 from ..reference import pipeline
 from ..reference.datatypes import F32, Scene
-from ..reference.texture_types import Samples, Storage, exposure_of
+from ..reference.texture_types import Samples, Storage
 from ..reference.transport.direct import punctual_lights
 from ..reference.truth.analytic import closed_sphere_radiosity
 from ..reference.truth.path_traced import largest_albedo
@@ -178,7 +178,7 @@ def _twins(
     points = truth.points[name]
     where = lifted(baked.scene, baked.texture, points)
     light = probe_texels(*with_copies(baked.coefficients, baked.probes.light_from))
-    held = fill_tiles(baked.probes.layout, light, baked.storage, exposure_of(float(np.abs(baked.coefficients).max())))
+    held = fill_tiles(baked.probes.layout, light, baked.storage)
     texture, way = dataclasses.replace(baked.texture, texels=held), baked.scene.settings.sampling.reconstruction
     plain = sample(texture, where, points.normals, reconstruction=way).irradiance
     scale = max(float(np.abs(plain).mean()), 1e-30)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 
 import numpy as np
+import pyopencl
 import pyopencl.array
 import pytest
 from lightgauge.fastpath import launch
@@ -381,3 +383,52 @@ def test_results_may_be_written_over(device: OpenDevice, texture: VirtualTexture
         sampler(short, short, out=first)
     with pytest.raises(ValueError, match="a view perhaps"):
         sampler(views[0][0][4:], views[0][1][4:])
+
+
+def test_arguments_outlive_the_sampler(device: OpenDevice, texture: VirtualTexture) -> None:
+    """On PoCL an image sampler that is released while the kernel runs gives a wrong picture now and then: the device holds on to it."""
+    p, n = (
+        pyopencl.array.to_device(device.queue, a.astype(np.float32)) for a in (np.full((9, 3), 5.0), random_units(9, 1))
+    )
+    sampler = Sampler(device, texture, "half8", "images")
+    expected = sampler.on_device(p, n).host()
+    made = sampler.on_device(p, n)
+    del sampler
+    gc.collect()
+    assert any(isinstance(a, pyopencl.Sampler) for event, held in device.pending if event == made.event for a in held)
+    np.testing.assert_array_equal(made.host().irradiance, expected.irradiance)
+
+
+def test_buffers_are_read_as_they_are(device: OpenDevice, texture: VirtualTexture) -> None:
+    p, n = np.random.default_rng(3).uniform(0, 11, (100, 3)).astype(np.float32), random_units(100, 4).astype(np.float32)
+    sampler = Sampler(device, texture, "half", "packed")
+    flags = pyopencl.mem_flags.READ_ONLY | pyopencl.mem_flags.COPY_HOST_PTR
+    buffers = [pyopencl.Buffer(device.context, flags, hostbuf=a) for a in (p, n)]
+    arrays = [pyopencl.array.to_device(device.queue, a) for a in (p, n)]
+    np.testing.assert_array_equal(
+        sampler.on_device(*buffers).host().irradiance, sampler.on_device(*arrays).host().irradiance
+    )
+    with pytest.raises(ValueError, match="normals: expected a buffer of 12 × 100 bytes"):
+        sampler(buffers[0], pyopencl.Buffer(device.context, flags, hostbuf=n[:50].copy()))
+
+
+def test_results_of_another_shape_are_not_written_over(device: OpenDevice, texture: VirtualTexture) -> None:
+    sampler = Sampler(device, texture, "half", "packed")
+    p, n = (
+        pyopencl.array.to_device(device.queue, a.astype(np.float32)) for a in (np.ones((50, 3)), random_units(50, 1))
+    )
+    good = sampler.on_device(p, n)
+    bad = dataclasses.replace(good, irradiance=pyopencl.array.zeros(device.queue, (8, 3), np.float32))
+    with pytest.raises(ValueError, match="out must be results of 50"):
+        sampler(p, n, out=bad)
+
+
+@pytest.mark.parametrize("reconstruction", ["linear", "clamped", "nonlinear", "zh3"])
+def test_a_normal_that_is_no_number_gives_none(
+    device: OpenDevice, texture: VirtualTexture, reconstruction: str
+) -> None:
+    p, n = np.random.default_rng(3).uniform(texture.origin, texture.origin + 11, (64, 3)), random_units(64, 4)
+    n[::5] = np.nan
+    got = Sampler(device, texture, "half", "packed", reconstruction)(p, n)
+    lit = got.level > 0
+    np.testing.assert_array_equal(np.isnan(got.irradiance[lit]).all(axis=1), np.isnan(n[lit]).any(axis=1))

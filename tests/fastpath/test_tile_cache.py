@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,16 @@ import pyopencl.array
 import pytest
 from lightgauge.fastpath.device import OpenDevice, open_device
 from lightgauge.fastpath.layout import WEIGHT_STEPS, WEIGHT_TYPE, Layout
+from lightgauge.fastpath.sampler import Sampler
 from lightgauge.fastpath.tile_cache import TileCache, Tiles
 from lightgauge.reference.datatypes import F32, I32
-from lightgauge.reference.texture_types import Storage, TileTable, exposure_of
+from lightgauge.reference.texture_types import Storage, TileTable, VirtualTexture, exposure_of
+from lightgauge.reference.volume.indirection import build_indirection
 from lightgauge.reference.volume.layout import TileLayout, build_layout
+from lightgauge.reference.volume.sampler import sample
 from lightgauge.reference.volume.table import tile_table
 from lightgauge.reference.volume.tiles import fill_tiles, probe_texels, with_copies
-from small_scenes import random_tree
+from small_scenes import random_tree, random_units
 
 PACKED: tuple[tuple[Storage, Layout], ...] = (("float32", "packed"), ("half", "packed"))
 IMAGES: tuple[tuple[Storage, Layout], ...] = (("half", "images"), ("half16", "images"), ("half8", "images"))
@@ -45,7 +49,7 @@ class World:
     def twin(self, light: F32, storage: Storage) -> F32:
         used, valid = with_copies(light, self.light_from)
         finite = np.isfinite(used).all(axis=(1, 2))
-        brightest = float(np.abs(light[np.isfinite(light)]).max())
+        brightest = float(np.abs(used[valid][np.isfinite(used[valid])]).max())
         used = np.where(finite[:, None, None], used, 0.0).astype(np.float32)
         return fill_tiles(self.layout, probe_texels(used, valid & finite), storage, exposure_of(brightest))
 
@@ -96,7 +100,7 @@ def test_filled_as_the_plain_filling_says(
     """All levels of virtual probes, host light and light that is on the device: bit for bit, but for 8-bit weights, where 1/255
     is rounded in other ways: one unit of a half."""
     world = World(components)
-    cache = TileCache(device, world.table.tiles + 7, storage, layout, components == 9)
+    cache = TileCache(device, world.table.tiles + 7, storage, layout, components == 9, world.table.used())
     light: Any = pyopencl.array.to_device(device.queue, world.light) if on_device else world.light
     cache.relight(light)
     assert cache.put(world.tiles()) > 100 * world.table.tiles
@@ -115,7 +119,7 @@ def test_filled_as_the_plain_filling_says(
 def test_tiles_that_come_in_batches_are_the_same(device: OpenDevice) -> None:
     """Level by level, in small batches, with others dropped between: what is put is what a filling at once would be."""
     world = World()
-    cache = TileCache(device, world.table.tiles + 7, "half", "packed")
+    cache = TileCache(device, world.table.tiles + 7, "half", "packed", used=world.table.used())
     cache.relight(world.light)
     tiles = world.tiles()
     for batch in np.array_split(np.arange(world.table.tiles), 9):
@@ -132,7 +136,7 @@ def test_tiles_that_come_in_batches_are_the_same(device: OpenDevice) -> None:
 
 def test_new_slots_are_zero_and_dropped_ones_belong_to_nobody(device: OpenDevice) -> None:
     world = World()
-    cache = TileCache(device, world.table.tiles + 7, "half", "packed")
+    cache = TileCache(device, world.table.tiles + 7, "half", "packed", used=world.table.used())
     host = np.ones((int(np.prod(cache.shape)) * 27, 16), np.float16)
     cl.enqueue_copy(device.queue, host, cache.textures[0])
     assert not host.any()
@@ -150,7 +154,7 @@ def test_light_that_is_not_finite_counts_as_unknown(device: OpenDevice, poison: 
     world = World()
     light = world.light.copy()
     light[::17, 2, 1] = poison
-    cache = TileCache(device, world.table.tiles + 7, "half", "packed")
+    cache = TileCache(device, world.table.tiles + 7, "half", "packed", used=world.table.used())
     cache.relight(light)
     cache.put(world.tiles())
     got = read(device, cache, world.slot, "half", "packed")
@@ -164,7 +168,7 @@ def test_exposure_keeps_half_floats_in_range(device: OpenDevice, scale: float) -
     coefficient within five decades of the brightest keeps 2^-11."""
     world = World()
     light = world.light * np.float32(scale)
-    cache = TileCache(device, world.table.tiles + 7, "half", "packed")
+    cache = TileCache(device, world.table.tiles + 7, "half", "packed", used=world.table.used())
     cache.relight(light)
     cache.put(world.tiles())
     got = read(device, cache, world.slot, "half", "packed")
@@ -191,3 +195,79 @@ def test_what_is_refused(device: OpenDevice) -> None:
             TileCache(device, slots, "half", "packed")
     with pytest.raises(ValueError, match="a tile cache is packed"):
         TileCache(device, 8, "half", "split")
+
+
+@pytest.mark.parametrize("on_device", [False, True])
+def test_the_brightness_of_probes_that_no_tile_uses_costs_nothing(device: OpenDevice, on_device: bool) -> None:
+    world = World()
+    light = world.light.copy()
+    light[world.light_from < 0] = 1e12
+    cache = TileCache(device, world.table.tiles + 7, "half", "packed", used=world.table.used())
+    cache.relight(pyopencl.array.to_device(device.queue, light) if on_device else light)
+    cache.put(world.tiles())
+    np.testing.assert_array_equal(read(device, cache, world.slot, "half", "packed"), world.twin(light, "half"))
+    assert cache.exposure < 1.0
+
+
+def test_the_callers_array_is_his_own(device: OpenDevice) -> None:
+    """Light on the host is copied: what its owner does with it later must not reach tiles that come later."""
+    world = World()
+    light = world.light.copy()
+    cache = TileCache(device, world.table.tiles + 7, "half", "packed", used=world.table.used())
+    cache.relight(light)
+    light *= np.float32(1e9)
+    cache.put(world.tiles())
+    np.testing.assert_array_equal(read(device, cache, world.slot, "half", "packed"), world.twin(world.light, "half"))
+
+
+def test_light_on_the_device_must_be_whole(device: OpenDevice) -> None:
+    world = World()
+    cache = TileCache(device, world.table.tiles + 7, "half", "packed", used=world.table.used())
+    twice = pyopencl.array.to_device(device.queue, np.concatenate([world.light, world.light]))
+    with pytest.raises(ValueError, match="a view perhaps"):
+        cache.relight(twice[len(world.light) :])
+    with pytest.raises(ValueError, match="different bakes"):
+        cache.relight(world.light[:5])
+    cache.relight(world.light)
+    tiles = world.tiles()
+    for wrong in (
+        dataclasses.replace(tiles, sources=tiles.sources + np.int32(len(world.light))),
+        dataclasses.replace(tiles, parent=tiles.parent + np.int32(cache.capacity)),
+    ):
+        with pytest.raises(ValueError, match="sources must be below"):
+            cache.put(wrong)
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-38])
+def test_very_dim_light_is_no_nan(device: OpenDevice, scale: float) -> None:
+    world = World()
+    cache = TileCache(device, world.table.tiles + 7, "half", "packed", used=world.table.used())
+    cache.relight(world.light * np.float32(scale))
+    cache.put(world.tiles())
+    assert np.isfinite(read(device, cache, world.slot, "half", "packed")).all()
+
+
+def test_a_sampler_over_a_cache_follows_its_light(device: OpenDevice) -> None:
+    """Slots in the order of tiles: what runs sample. New light 8 times as bright is read 8 times as bright."""
+    world = World()
+    tiles = dataclasses.replace(
+        world.tiles(), slot=np.arange(world.table.tiles, dtype=np.int32), parent=world.table.parent
+    )
+    texture = VirtualTexture(
+        world.table.origin, world.table.finest, world.table.level, world.table.extent, build_indirection(world.layout),
+        world.twin(world.light, "half"),
+    )  # fmt: skip
+    cache = TileCache(device, world.table.tiles, "half", "packed", used=world.table.used())
+    cache.relight(world.light)
+    cache.put(tiles)
+    sampler = Sampler(device, texture, "half", "packed", filled=cache)
+    p, n = np.random.default_rng(5).uniform(0, 16, (5000, 3)), random_units(5000, 6)
+    before = sampler(p, n).irradiance
+    np.testing.assert_allclose(before, sample(texture, p, n).irradiance, atol=1e-5 * np.abs(before).mean(), rtol=1e-4)
+    cache.relight(world.light * np.float32(8.0))
+    np.testing.assert_array_equal(sampler(p, n).irradiance, before * np.float32(8.0))
+    with pytest.raises(ValueError, match="the cache holds"):
+        Sampler(device, texture, "float32", "packed", filled=cache)
+    cache.drop(tiles.slot[-1:])
+    with pytest.raises(ValueError, match="different bakes"):
+        Sampler(device, texture, "half", "packed", filled=cache)

@@ -1,13 +1,15 @@
-"""What `run --fly` asks for, checked before anything is computed."""
+"""What `run --fly` asks for, checked before anything is computed; whether the budget suffices is known once probes stand."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from ...reference.errors import InputError
+from ...reference.texture_types import MAX_OFFSET
 from .paths import PATHS
 
 FRAMES, BUDGET = 120, 2000
+MOST_TILES = MAX_OFFSET**3  # that an indirection texel addresses
 LEAST_FRAMES, MOST_FRAMES = 3, 10_000
 BLEND = 0.25  # share of each ring of distance over which the measurement "with blend" mixes two levels of detail
 
@@ -33,8 +35,8 @@ def flight_plan(path: str | None, budget: int | None, frames: int | None) -> Fli
         return None
     if path not in PATHS:
         raise InputError(f"--fly {path}: there is no such path; take {_known()}")
-    if budget is not None and budget < 1:
-        raise InputError(f"--tile-budget {budget}: expected a number of tiles, 1 or more, such as {BUDGET}")
+    if budget is not None and not 1 <= budget <= MOST_TILES:
+        raise InputError(f"--tile-budget {budget}: expected 1 to {MOST_TILES:,} tiles, such as {BUDGET}")
     if frames is not None and not LEAST_FRAMES <= frames <= MOST_FRAMES:
         raise InputError(f"--frames {frames}: expected {LEAST_FRAMES} to {MOST_FRAMES:,}, such as {FRAMES}")
     return FlightPlan(path, FRAMES if frames is None else frames, BUDGET if budget is None else budget)
