@@ -17,7 +17,7 @@ import numpy as np
 
 from ...fastpath.device import OpenDevice, open_device
 from ...fastpath.launch import DeviceSamples
-from ...fastpath.layout import Layout, texel_bytes
+from ...fastpath.layout import Layout, cache_textures
 from ...fastpath.sampler import Sampler
 from ...reference.datatypes import F32, F64
 from ...reference.progress import Progress
@@ -27,7 +27,7 @@ from .fastpath_world import HEIGHT, WIDTH, build_world, scattered, view
 from .rows import Group, Row, Wanted, row_of
 from .timing import Task, interleaved, timed
 
-SIDE = 128
+SIDE, SMALL_SIDE = 128, 16
 EYE = np.array([-29.0, 3.0, 1.0])
 REPEATS, REST_S = 9, 0.05
 SCIPY_SHARE = 8  # SciPy samples every eighth pixel
@@ -219,10 +219,12 @@ def _floor(device: OpenDevice, coherent: Timed, where: str) -> Iterator[Row]:
 
 
 def sizes(wanted: Wanted, progress: Progress) -> Iterator[Row]:
-    """Bytes of a texel and of a tile, with the pointer's four bytes nowhere counted."""
+    """Bytes of a texel and of a tile, as arrays of a small world hold them; the pointer's four bytes are nowhere counted."""
     del wanted, progress
+    texture = build_world(SMALL_SIDE).texture
     for name, (storage, layout) in {"talk": TALK, "packed": FORMATS["packed"]}.items():
-        each = texel_bytes(storage, layout)
+        slots = len(texture.texels) if layout == "packed" else int(np.prod(texture.indirection.cache))
+        each = cache_textures(texture, storage, layout).bytes / (27 * slots)
         note = f"{storage}, {layout}: 12 coefficients and a weight"
         yield row_of(f"bytes_per_texel_{name}", each, "B", "lower", 25.0 if name == "talk" else None, note)
         yield row_of(f"bytes_per_tile_{name}", 27 * each, "B", "lower", note="27 texels")

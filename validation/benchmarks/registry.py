@@ -63,18 +63,24 @@ def chosen(names: Sequence[str], rows: Sequence[str]) -> tuple[list[str], list[G
 
 
 def run(names: Sequence[str], rows: Sequence[str], progress: Progress) -> dict[str, Any]:
-    """Measure. Returns {"schema", "bench", "rows", "notes"}; notes say why rows are absent, and are told at once."""
+    """Measure. Returns {"schema", "bench", "rows", "notes"}; notes say why rows are absent, and are told at once.
+
+    Raises EnvironmentLacks where nothing could be measured for want of something."""
     benches, groups, wanted = chosen(names, rows)
     found: list[Row] = []
     notes: list[str] = []
+    lacks: EnvironmentLacks | None = None
     for group in groups:
         names_here = wanted & set(group.names)
         try:
             found += [row for row in group.measure(names_here, progress) if row.name in names_here]
         except (CannotMeasure, EnvironmentLacks) as error:
+            lacks = error if isinstance(error, EnvironmentLacks) else lacks
             absent = [name for name in group.names if name in names_here]
             notes.append(f"not measured: {', '.join(absent)}: {error}")
             print(plain(f"lightgauge: bench: {notes[-1]}"), file=sys.stderr)
+    if lacks is not None and not found:
+        raise lacks
     return {
         "schema": SCHEMA_VERSION,
         "bench": "+".join(benches),

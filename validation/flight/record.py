@@ -14,7 +14,7 @@ from .change import Still
 from .driver import Flight
 from .paths import Path
 from .plan import BLEND, FlightPlan
-from .world import STORAGE, World
+from .world import World
 
 LEAST_POINTS = 20  # for an error by level
 DIGITS = 5
@@ -39,7 +39,7 @@ def flight_table(world: World, plan: FlightPlan, path: Path, flight: Flight, cac
         "levels": world.table.level,
         "lod_distance_m": world.lod_distance,
         "blend": BLEND,
-        "storage": STORAGE,
+        "storage": world.storage,
         "points": flight.points,
         "cache_bytes": cache_bytes,
         "summary": {name: m for name, m in _summary(flight) if m is not None},

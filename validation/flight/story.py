@@ -14,7 +14,7 @@ from .driver import fly
 from .paths import viewer_path
 from .plan import FlightPlan
 from .record import flight_metrics, flight_table
-from .world import STORAGE, world
+from .world import world
 
 
 def with_flight(
@@ -43,7 +43,7 @@ def flown(scene: Scene, device: OpenDevice, seed: int, plan: FlightPlan, progres
     w = world(scene, device, seed, progress)
     path = viewer_path(plan.path, w.places, plan.frames)
     texture = StreamedTexture(
-        device, w.table, plan.budget, w.lod_distance, storage=STORAGE, layout="packed",
+        device, w.table, plan.budget, w.lod_distance, storage=w.storage, layout=w.layout,
         reconstruction=scene.settings.sampling.reconstruction, check_owners=True,
     )  # fmt: skip
     texture.relight(w.light)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...fastpath.device import OpenDevice
+from ...fastpath.layout import Layout
 from ...fastpath.sampler import Sampler
 from ...reference import pipeline
 from ...reference.config import CameraSettings
@@ -18,10 +19,10 @@ from ...reference.truth.points import Points, PointSet, camera_directions, choos
 from ...reference.visibility import Geometry, cast, points_on_triangles, to_box, vectors
 from ...reference.volume.table import tile_table
 from ...reference.volume.tiles import fill_tiles, probe_texels, with_copies
+from ..formats import sampling_format
 from ..ground_truth import ground_truth
 from .paths import Places
 
-STORAGE: Storage = "half"
 SURFACE_POINTS = 2000  # that paths follow
 WIDTH, HEIGHT, FOV_DEG = 160, 90, 70.0  # of the viewer's picture
 # What the finest level is taken to serve where a scene does not say: its diagonal over RINGS, but so many finest voxels.
@@ -53,6 +54,8 @@ class World:
     watched: Watched
     places: Places
     notes: tuple[str, ...]
+    storage: Storage = "half"
+    layout: Layout = "packed"
 
     def picture(self, position: F64, target: F64) -> Watched:
         """What a viewer at `position` (3,) m sees of probe-lit surfaces when it looks at `target`: one point a pixel, maybe none."""
@@ -84,8 +87,10 @@ def world(scene: Scene, device: OpenDevice, seed: int, progress: Progress) -> Wo
     probes = pipeline.bake_probes(scene, surfaces, pipeline.place(scene, surfaces, seed), seed, progress)
     coefficients = pipeline.update(scene, surfaces, probes, light).coefficients
     used = probe_texels(*with_copies(coefficients, probes.light_from))
-    texture = pipeline.virtual_texture(probes, fill_tiles(probes.layout, used, STORAGE))
-    whole = Sampler(device, texture, STORAGE, "packed", scene.settings.sampling.reconstruction)
+    way = scene.settings.sampling.reconstruction
+    storage, layout = sampling_format(device.info, way)
+    texture = pipeline.virtual_texture(probes, fill_tiles(probes.layout, used, storage))
+    whole = Sampler(device, texture, storage, layout, way)
     on_surfaces: list[PointSet] = [n for n in truth.points if n != "volume"]
     names = on_surfaces or list(truth.points)
     if not names:
@@ -101,7 +106,7 @@ def world(scene: Scene, device: OpenDevice, seed: int, progress: Progress) -> Wo
     geometry = truth.geometry
     places = _places(scene, geometry, watched, seed)
     return World(
-        scene, geometry, table, coefficients, texture, whole, distance, watched, places, notes
+        scene, geometry, table, coefficients, texture, whole, distance, watched, places, notes, storage, layout
     )  # fmt: skip
 
 
