@@ -25,6 +25,7 @@ SPAN = (2.0, 98.0)  # percentiles of the surface points that count as the scene'
 SMOOTHED = 0.015  # r, of the horizontal diagonal
 HEADROOM = 0.1  # of the height: viewers stay this far under the highest point
 SMALL = 0.3  # of the horizontal diagonal: no viewer stands higher than this over its ground
+LOWEST = 0.1  # share of the surface around that lies under what is walked on
 INNER, DWELL = 0.8, 5
 
 
@@ -93,7 +94,7 @@ def line(places: Places, frames: int) -> Path:
     along = places.middle[axis] + length * (np.arange(frames) / (frames - 1) - 0.5)
     across = np.full(frames, places.middle[2 - axis])
     x, z = (along, across) if axis == 0 else (across, along)
-    positions = _above(places, x, z, EYE)
+    positions = _above(places, x, z, EYE, floor=True)
     ahead = np.zeros(3)
     ahead[axis] = max(0.1 * places.diagonal, EYE)
     return Path(positions, positions + ahead)
@@ -104,16 +105,21 @@ def teleport(places: Places, frames: int) -> Path:
     jumps = -(-frames // DWELL)
     spread = qmc.Halton(2, scramble=False).random(jumps + 1)[1:]  # the first is a corner
     inner = places.middle[[0, 2]] + INNER * (spread - 0.5) * (places.upper - places.lower)[[0, 2]]
-    anywhere = _above(places, inner[:, 0], inner[:, 1], EYE)
+    anywhere = _above(places, inner[:, 0], inner[:, 1], EYE, floor=True)
     stops = np.concatenate([places.stops.reshape(-1, 3), anywhere])[:jumps]
     return Path(np.repeat(stops, DWELL, axis=0)[:frames], np.tile(places.middle, (frames, 1)))
 
 
-def _above(places: Places, x: F64, z: F64, clearance: float) -> F64:
-    """Places (F, 3) m at (x, z), `clearance` m above the surfaces around."""
+def _above(places: Places, x: F64, z: F64, clearance: float, floor: bool = False) -> F64:
+    """Places (F, 3) m at (x, z), `clearance` m above the surfaces around: above their mean, or above the lowest of them, which who
+    walks stands on though there be a roof above."""
     d2 = (places.points[:, 0] - x[:, None]) ** 2 + (places.points[:, 2] - z[:, None]) ** 2
     weight = np.exp(-(d2 - d2.min(axis=1, keepdims=True)) / (2.0 * (SMOOTHED * places.diagonal) ** 2))
     ground = weight @ places.points[:, 1] / weight.sum(axis=1)
+    if floor:
+        order = np.argsort(places.points[:, 1])
+        below = np.cumsum(weight[:, order], axis=1) / weight.sum(axis=1, keepdims=True)
+        ground = places.points[order, 1][(below >= LOWEST).argmax(axis=1)]
     clearance = min(clearance, SMALL * places.diagonal)
     top, height = float(places.points[:, 1].max()), float(np.ptp(places.points[:, 1]))
     # A room has a ceiling; a plain with some bushes has none.
