@@ -70,7 +70,7 @@ class StreamedTexture:
         """
         check_budget(table, budget, lod_distance, per_move)
         self.budget, slots = budget, min(budget, table.tiles)
-        self._cache = TileCache(device, slots, storage, layout, reconstruction == "l2", table.used())
+        self._cache = TileCache(device, slots, storage, layout, table.used(), reconstruction == "l2")
         self._clipmap = Clipmap(device, table.level, table.finest, table.extent, lod_distance, self._cache.shape, slots)
         self._residency = Residency(table, slots, lod_distance / table.finest, per_move)
         self._launcher = Launcher(device, storage, layout, reconstruction, ("-DCLIPMAP",))

@@ -117,12 +117,12 @@ INLINE Whole interpolated_from(HELD, int parent, int octant, int texel, global c
     return sum;
 }
 
-/* Largest finite absolute value that each work item meets in the light of `count` probes: all of them, or those that are listed. */
-kernel void brightest(global const float *restrict probes, int all, global const int *restrict used, int count,
+/* Largest finite absolute value that each work item meets in the light of the `count` probes that are listed. */
+kernel void brightest(global const float *restrict probes, global const int *restrict used, int count,
                       global float *restrict found) {
     float most = 0.0f;
     for (int i = get_global_id(0); i < count; i += get_global_size(0)) {
-        global const float *p = probes + (long)(all ? i : used[i]) * (3 * COMPONENTS);
+        global const float *p = probes + (long)used[i] * (3 * COMPONENTS);
         for (int k = 0; k < 3 * COMPONENTS; ++k) {
             const float x = p[k] < 0.0f ? -p[k] : p[k];
             most = x > most && x < INFINITY ? x : most;

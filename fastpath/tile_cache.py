@@ -61,17 +61,17 @@ class TileCache:
         slots: int,
         storage: Storage,
         layout: Layout,
+        used: I32,
         order2: bool = False,
-        used: I32 | None = None,
     ) -> None:
-        """Room for `slots` tiles, all zero. layout: packed, or images. used: probes that tiles may take light from, of which the
-        brightest sets the exposure; all if None. Raises ValueError for a format that does not exist, or more
+        """Room for `slots` tiles, all zero. layout: packed, or images. used (n,): probes that tiles may take light from, of
+        which the brightest sets the exposure (`TileTable.used`). Raises ValueError for a format that does not exist, or more
         tiles than an indirection texel addresses; EnvironmentLacks where the device cannot hold them."""
         check_format(storage, layout)
         if layout == "split" or (order2 and layout != "packed"):
             raise ValueError(f"a tile cache is packed, or images with light of order 1, got {layout}")
         self._device, self.storage, self.layout, self.order2 = device, storage, layout, order2
-        self._all_used, self._used = used is None, np.zeros(0, np.int32) if used is None else np.asarray(used, np.int32)
+        self._used = np.asarray(used, dtype=np.int32)
         self._used_there = uploaded(device, self._used)
         self.shape = cache_shape(slots)
         self.capacity = slots
@@ -80,7 +80,7 @@ class TileCache:
         self._light: Any = None
         self._staging: Any = None
         self._resident = _none_resident(slots)
-        self._lists: tuple[_Lists, npt.NDArray[np.integer] | None] | None = None  # of all, until one comes or goes
+        self._lists: tuple[_Lists, npt.NDArray[np.integer] | None] | None = None  # of all, until one comes
         self._allocate()
         options = [*build_options(storage, layout), f"-DCOMPONENTS={9 if order2 else 4}"]
         built = program(device, "tile_cache.cl", options)
@@ -96,8 +96,7 @@ class TileCache:
         zeros = pyopencl.array.zeros
         self.owners = zeros(self._device.queue, (places, 4), np.int32).base_data
         if self.layout == "images":
-            self._images = empty_images(self._device, self.shape, self.storage)
-            self.textures = self._images
+            self.textures = empty_images(self._device, self.shape, self.storage)
             self.bytes = places * (TEXELS * image_texel_bytes(self.storage) + 16)
             return
         kind = LIGHT_TYPE[self.storage]
@@ -169,15 +168,6 @@ class TileCache:
         self.seconds = self._filled(lists, used)
         return lists.bytes + (0 if used is None else used.size * self._light[:1].nbytes)
 
-    def drop(self, slots: I32) -> None:
-        """Forget the tiles in `slots`: they are no longer lit, and belong to no place."""
-        self._resident.level[slots] = 0
-        self._lists = None
-        cl = pyopencl_module()
-        nobody = np.zeros(4, np.int32)
-        for slot in slots.tolist():
-            cl.enqueue_fill_buffer(self._device.queue, self.owners, nobody, 16 * slot, 16)
-
     def _all(self) -> tuple[_Lists, npt.NDArray[np.integer] | None]:
         """All resident tiles, coarse first."""
         order = np.flatnonzero(self._resident.level > 0)
@@ -186,11 +176,10 @@ class TileCache:
     def _brightest(self, light: Any) -> tuple[float, float]:
         """Largest absolute value, of those that are finite, of the probes that tiles may take light from; seconds on the device."""
         if not is_on_device(light):
-            values: F32 = np.abs(light if self._all_used else light[self._used])
+            values: F32 = np.abs(light[self._used])
             return float(values.max(initial=0.0, where=np.isfinite(values))), 0.0
         found = empty(self._device, (_LANES,), np.float32)
-        count = len(light) if self._all_used else len(self._used)
-        which = (np.int32(self._all_used), self._used_there, np.int32(count))
+        which = (self._used_there, np.int32(len(self._used)))
         event = self._most(self._device.queue, (_LANES,), (_LANES,), light.base_data, *which, found.base_data)
         brightest = float(found.get().max())
         return brightest, 1e-9 * (event.profile.end - event.profile.start)

@@ -98,7 +98,7 @@ def filled(
 ) -> TileCache:
     """All tiles on the device, each in the slot of its number, lit by `coefficients` (R, 4 or 9, 3)."""
     table = tile_table(probes.layout, probes.light_from)
-    cache = TileCache(device, table.tiles, storage, layout, coefficients.shape[1] == 9, table.used())
+    cache = TileCache(device, table.tiles, storage, layout, table.used(), coefficients.shape[1] == 9)
     cache.relight(coefficients)
     slots = np.arange(table.tiles, dtype=np.int32)
     cache.put(Tiles(slots, table.parent, table.octant, table.tile_level, table.cell, table.sources))

@@ -127,7 +127,7 @@ def update(wanted: Wanted, progress: Progress) -> Iterator[Row]:
     del wanted
     device, world = open_device(), build_world(UPDATE_SIDE, sparse=True)
     table, virtual = culled(world, UPDATE_PROBES)
-    cache = TileCache(device, table.tiles, "half", "packed")
+    cache = TileCache(device, table.tiles, "half", "packed", table.used())
     import pyopencl.array
 
     light = pyopencl.array.to_device(device.queue, world.light)

@@ -85,7 +85,7 @@ def world(scene: Scene, device: OpenDevice, seed: int, progress: Progress) -> Wo
     surfaces = pipeline.bake_surfaces(scene, seed, progress)
     light = pipeline.light_patches(scene, surfaces, seed, progress)
     probes = pipeline.bake_probes(scene, surfaces, pipeline.place(scene, surfaces, seed), seed, progress)
-    coefficients = pipeline.update(scene, surfaces, probes, light).coefficients
+    coefficients = pipeline.probe_light(scene, surfaces, probes, light)
     used = probe_texels(*with_copies(coefficients, probes.light_from))
     way = scene.settings.sampling.reconstruction
     storage, layout = sampling_format(device.info, way)

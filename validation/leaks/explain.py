@@ -59,10 +59,9 @@ class _Bench:
     def baked(self, layers: Sequence[BitmapLayer]) -> tuple[Baked, LightField]:
         """The scene with layers laid over it, baked and lit."""
         scene = dataclasses.replace(self.scene, bitmap=(*self.scene.bitmap, *layers))
-        surfaces, light = self.lit
-        octree = pipeline.place(scene, surfaces, self.seed)
+        octree = pipeline.place(scene, self.lit[0], self.seed)
         made = bake(scene, self.device, self.lit, octree, self.seed, self.progress)
-        return made, field_of(made, pipeline.update(scene, surfaces, made.probes, light).coefficients)
+        return made, field_of(made, made.coefficients)
 
     def metrics(self, baked: Baked) -> dict[str, Any]:
         """Leak, overdark and error of a placement, as results.json holds metrics."""
