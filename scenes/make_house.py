@@ -55,8 +55,8 @@ indoors = { min = [-3.6, 0.3, -2.6], max = [3.6, 2.5, 2.6], probe_size = 0.5 }
 indoors = { position = [0.4, 1.5, 0.3], size = 16 }
 
 [cameras]
-outside = { origin = [11.0, 4.5, 15.0], target = [0.8, 1.6, 0.0], fov_deg = 62.0 }
-inside = { origin = [-3.4, 1.7, -2.3], target = [1.0, 1.0, 1.2], fov_deg = 85.0 }
+outside = { origin = [11.0, 4.5, 15.0], target = [0.8, 1.6, 0.0], fov_deg = 62.0, width = 336, height = 252 }
+inside = { origin = [-3.4, 1.7, -2.3], target = [1.0, 1.0, 1.2], fov_deg = 85.0, width = 336, height = 252 }
 
 [placement]
 min_voxel = 0.25
