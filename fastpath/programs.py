@@ -13,10 +13,14 @@ from .device import OpenDevice, pyopencl_module
 _INCLUDE = re.compile(r'^#include "([a-z0-9_]+\.clh)"$', re.MULTILINE)
 
 
+def text_of(name: str) -> str:
+    """Text of a kernel file of this package."""
+    return resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
 def source(name: str) -> str:
-    """Text of a kernel file of this package, its own headers put in place (a device's compiler sees no folder of ours)."""
-    text = resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
-    return _INCLUDE.sub(lambda found: source(found.group(1)), text)
+    """Text of a kernel file, its own headers put in place (a device's compiler sees no folder of ours)."""
+    return _INCLUDE.sub(lambda found: source(found.group(1)), text_of(name))
 
 
 def program(device: OpenDevice, name: str, options: Sequence[str]) -> Any:

@@ -158,11 +158,11 @@ def cast(g: Geometry, origins: Any, directions: Any, reach: float | None = None)
 
 
 def occluded(g: Geometry, origins: Any, directions: Any, distance: Any) -> Any:
-    """Whether anything lies between: Dr.Jit mask. `distance` in unit-box lengths (may be infinite)."""
+    """Whether anything lies between: Dr.Jit mask. `distance` in unit-box lengths (may be infinite), Dr.Jit or NumPy."""
     import mitsuba as mi
 
     ray = mi.Ray3f(mi.Point3f(origins), mi.Vector3f(directions))
-    ray.maxt = mi.Float(distance)
+    ray.maxt = to_f32(distance) if isinstance(distance, np.ndarray) else mi.Float(distance)
     return g.caster.ray_test(ray, coherent=False)
 
 

@@ -11,12 +11,20 @@ from typing import Any
 
 import pytest
 
-# --import-mode=importlib does not put this folder on sys.path, so the builders of small scenes are loaded by path.
-_spec = importlib.util.spec_from_file_location("small_scenes", Path(__file__).with_name("small_scenes.py"))
-assert _spec is not None and _spec.loader is not None
-_module = importlib.util.module_from_spec(_spec)
-sys.modules["small_scenes"] = _module
-_spec.loader.exec_module(_module)
+
+# --import-mode=importlib does not put this folder on sys.path, so what lies beside this file is loaded by path.
+def _beside(name: str) -> Any:
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+_beside("small_scenes")
+_seed_shift = _beside("seed_shift")
+pytest_addoption, pytest_configure = _seed_shift.pytest_addoption, _seed_shift.pytest_configure
 
 
 @pytest.fixture(scope="session")

@@ -169,3 +169,15 @@ def test_a_partial_run_is_judged_by_its_own_scenes(tmp_path: Path, capsys: pytes
     assert cli.main([*command, "--every-scene"]) == 1
     gates_file.write_text("[b.relrmse]\nmax = 0.2\n")
     assert cli.main(command) == 2
+
+
+def test_not_shown_says_how_many_samples_decide(tmp_path: Path) -> None:
+    """0.11 ± 2 · 0.006 against 0.12: the room is 5/6 of the reach, so 1.44 times the samples, rounded up; an interval counts as
+    it is."""
+    assert "about 145 samples instead of 100" in judged(tmp_path, metric(0.11, 0.006), MAX).judgements[0].reason
+    skewed = metric(0.11, 0.006, interval=[0.05, 0.115])
+    assert judged(tmp_path, skewed, MAX).ok
+    assert "95 % interval" in judged(tmp_path, metric(0.11, 0.001, interval=[0.1, 0.13]), MAX).judgements[0].reason
+    assert "lies on the limit" in judged(tmp_path, metric(0.12, 0.01), MAX).judgements[0].reason
+    noisy = metric(0.001, below_noise=True, noise=0.24)
+    assert "about 1,600 samples instead of 100" in judged(tmp_path, noisy, MAX).judgements[0].reason

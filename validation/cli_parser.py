@@ -18,6 +18,7 @@ EXAMPLES = {
     "lightgauge run cornell two-rooms sphere --out /tmp/a --json\n"
     "lightgauge run house --set placement.min_voxel=0.25 --seed 3\n"
     "lightgauge run two-rooms --set scene.rotation=30 --set placement.min_voxel=0.5 --explain-leaks --out /tmp/l\n"
+    "lightgauge run house --waterfall --explain inside:160,120 --out /tmp/w --json\n"
     "lightgauge run two-rooms --bitmap edit.json\n"
     "lightgauge run valley --fly orbit --tile-budget 2000 --out /tmp/f --json\n"
     "lightgauge run model.glb --set 'lights.sun.direction=[-0.4,-1,-0.3]'",
@@ -34,6 +35,10 @@ EXAMPLES = {
     "lightgauge bench transport --json --out /tmp/bench\n"
     "lightgauge bench transport --row rays_vs_embree_2k --row boxinbox_hybrid_rms\n"
     "lightgauge bench placement --row valley_place_s",
+    "stress": "lightgauge stress --out /tmp/st --json\n"
+    "lightgauge stress A3 D4 --quiet\n"
+    "lightgauge stress G\n"
+    "lightgauge stress --faults --out /tmp/fa --json",
     "gate": "lightgauge gate reports/latest\n"
     "lightgauge gate reports/run --scene cornell --scene sphere\n"
     "lightgauge gate /tmp/a --gates gates.toml --junit gate.xml --markdown gate.md",
@@ -68,6 +73,7 @@ def build_parser(version: str) -> argparse.ArgumentParser:
     _relight(verbs)
     _formfactor(verbs)
     _bench(verbs)
+    _stress(verbs)
     _gate(verbs)
     return parser
 
@@ -109,9 +115,23 @@ def _measuring(verbs: Any, name: str, text: str, out: str, *, scenes: bool) -> N
             action="store_true",
             help="say which walls leak, from which probes, and write and measure the bitmap edit that stops it",
         )
+        _dissection(parser)
         _flight(parser)
     _json(parser)
     _quiet(parser)
+
+
+def _dissection(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--waterfall",
+        action="store_true",
+        help="take the error apart, link by link from the path-traced truth to the sampled pixel, as figures and pictures",
+    )
+    parser.add_argument(
+        "--explain",
+        metavar="[CAMERA:]X,Y",
+        help="explain one pixel (of the first camera): its eight probes, what each gives, what stands between, and its waterfall",
+    )
 
 
 def _flight(parser: argparse.ArgumentParser) -> None:
@@ -209,6 +229,30 @@ def _bench(verbs: Any) -> None:
     _quiet(parser)
 
 
+def _stress(verbs: Any) -> None:
+    parser = _verb(
+        verbs, "stress", "the failure catalogue: each case provoked, measured, judged, followed to where it breaks"
+    )
+    parser.add_argument(
+        "id", nargs="*", metavar="ID", help="case, as A3, or group, as G (default all, and the bundled scenes)"
+    )
+    parser.add_argument(
+        "--faults",
+        action="store_true",
+        help="instead, seed faults into the product in memory and say which the gates catch",
+    )
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="seed of all random numbers (default 0)")
+    parser.add_argument(
+        "--jobs", type=_jobs, metavar="N", help="cases at a time (default one a core, as memory allows)"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR",
+        help="folder for page and record (default reports/stress, with --faults reports/faults)",
+    )  # fmt: skip
+    _json(parser)
+    _quiet(parser)
+
+
 def _gate(verbs: Any) -> None:
     parser = _verb(verbs, "gate", "pass or fail a run against limits, judged with each metric's interval")
     parser.add_argument("run", type=Path, metavar="RUN", help="folder of a run, or its results.json")
@@ -230,4 +274,11 @@ def _seed(text: str) -> int:
     value = int(text)
     if not 0 <= value < 2**32:
         raise argparse.ArgumentTypeError(f"expected 0 to 2^32 - 1, got {text}")
+    return value
+
+
+def _jobs(text: str) -> int:
+    value = int(text)
+    if not 1 <= value <= 64:
+        raise argparse.ArgumentTypeError(f"expected 1 to 64, got {text}")
     return value

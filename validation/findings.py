@@ -15,7 +15,7 @@ from ..fastpath.layout import Layout
 from ..fastpath.sampler import Sampler
 from ..reference import pipeline
 from ..reference.datatypes import F32, Scene
-from ..reference.texture_types import Samples, Storage
+from ..reference.texture_types import Samples
 from ..reference.transport.direct import punctual_lights
 from ..reference.truth.analytic import closed_sphere_radiosity
 from ..reference.truth.path_traced import largest_albedo
@@ -27,10 +27,10 @@ from .culling.realised import culled_metrics
 from .ground_truth import GroundTruth
 from .leaks.measured import leak_metrics
 from .metrics.error import Measured, measure_error, worst_points
-from .metrics.seams import measure_seams, seam_points
+from .metrics.exact import exact_biases
 from .record import metric
-
-SEAM_FORMATS: dict[Storage, str] = {"float32": "", "half": "_half", "half16": "_half16", "half8": "_half8"}
+from .seam_findings import seam_findings
+from .spots import Spot, receiver_spots
 
 ABSENT: dict[PointSet, str] = {
     "camera": "no camera",
@@ -41,10 +41,11 @@ ABSENT: dict[PointSet, str] = {
 
 @dataclass(frozen=True)
 class Findings:
-    """metrics by name, as results.json holds them; notes: why a metric is absent."""
+    """metrics by name, as results.json holds them; notes: why a metric is absent; spots: where metrics are worst."""
 
     metrics: dict[str, Any]
     notes: list[str]
+    spots: list[Spot]
 
 
 def find(
@@ -57,21 +58,34 @@ def find(
     notes += _doubts(baked.scene, truth)
     _camera_errors(metrics, baked, truth, sampled)
     _patch_errors(metrics, baked, truth, seed)
-    _seams(metrics, notes, baked, truth, seed)
+    seams = seam_findings(baked, truth, seed)
+    _add(metrics, seams.measured)
+    notes += seams.notes
+    if seams.measured:
+        metrics["seam_sup"]["across_levels"] = seams.across_levels
     _twins(metrics, baked, device, truth, sampled)
     _expectations(metrics, notes, baked, truth, sampled)
     raised, said = culled_metrics(baked, truth, sampled)
     _add(metrics, raised)
     notes += said
-    return Findings(metrics, notes)
+    return Findings(metrics, notes, seams.spots + receiver_spots(baked, truth, sampled))
 
 
 def _add(metrics: dict[str, Any], values: dict[str, Measured], suffix: str = "") -> None:
     for name, m in values.items():
-        extra = {"below_noise": True} if m.below_noise else {}
-        entry = metric(m.value, m.se, m.n, **extra)
+        entry = metric(m.value, m.se, m.n, **extras(m))
         if entry is not None:
             metrics[name + suffix] = entry
+
+
+def extras(m: Measured) -> dict[str, Any]:
+    """What a metric of the record holds besides value, standard error and number."""
+    found = {
+        "below_noise": m.below_noise or None,
+        "noise": m.noise,
+        "interval": None if m.interval is None else list(m.interval),
+    }
+    return {name: value for name, value in found.items() if value is not None}
 
 
 def _suffix(name: str) -> str:
@@ -152,22 +166,6 @@ def _ratio(a: Measured, b: Measured) -> Measured:
     return Measured(value, value * float(np.hypot(a.se / a.value, b.se / b.value)), a.n)
 
 
-def _seams(metrics: dict[str, Any], notes: list[str], baked: Baked, truth: GroundTruth, seed: int) -> None:
-    """Border jumps near surfaces and everywhere else, in each storage format."""
-    texture = baked.texture
-    near = [(lifted(baked.scene, texture, p) - texture.origin) / texture.finest for p in truth.points.values()]
-    points = seam_points(texture, np.concatenate(near) if near else None, seed)
-    if not len(points.q):
-        notes.append("no seam metrics: the octree is one voxel, which has no border within the scene")
-        return
-    light = probe_texels(*with_copies(baked.coefficients, baked.probes.light_from))
-    for storage, suffix in SEAM_FORMATS.items():
-        texels = fill_tiles(baked.probes.layout, light, storage)  # as a cache that is filled in place holds them
-        found = measure_seams(dataclasses.replace(texture, texels=texels), points, suffix)
-        _add(metrics, {k: v for k, v in found.items() if storage == "float32" or k.startswith("seam_sup")})
-    metrics["seam_sup"]["across_levels"] = points.across_levels
-
-
 def _twins(
     metrics: dict[str, Any], baked: Baked, device: OpenDevice, truth: GroundTruth, sampled: Mapping[PointSet, Samples]
 ) -> None:
@@ -213,6 +211,7 @@ def _expectations(
         exact = closed_sphere_radiosity(patches.area, patches.albedo, patches.exitance)
         error = float((np.abs(radiosity.radiosity - exact) / exact).max())
         _add(metrics, {"radiosity_error": Measured(error, 0.0, patches.count)})
+        _add(metrics, exact_biases(baked.scene, truth, sampled))
     if expect.dark:
         try:
             _add(metrics, leak_metrics(baked, truth, sampled))

@@ -8,7 +8,7 @@ scene that failed, a missing metric, and a metric below the noise floor of its r
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -19,8 +19,10 @@ from ..reference.errors import InputError
 from .options import read_toml
 from .record import load_results
 from .record_models import Metric, Results, SceneResult
+from .statistics.plan import UNDECIDABLE, samples_needed, samples_to_decide
 
 SIGMAS = 2.0
+MISSING = "metric is missing"
 Verdict = Literal["pass", "fail"]
 
 
@@ -135,6 +137,18 @@ def judge(results: Results, gates: Gates) -> GateReport:
     return GateReport(tuple(_judge_all(results, gates)))
 
 
+def judge_scene(name: str, metrics: Mapping[str, Any], limits: Mapping[str, Limit]) -> list[Judgement]:
+    """Every limit of one scene against its metrics, entries as results.json holds them."""
+    found = []
+    for metric, limit in limits.items():
+        entry = metrics.get(metric)
+        if entry is None:
+            found.append(Judgement(name, metric, "fail", MISSING, describe(limit)))
+        else:
+            found.append(_judge_metric(name, metric, Metric.model_validate(entry), limit))
+    return found
+
+
 def _judge_all(results: Results, gates: Gates) -> Iterator[Judgement]:
     scenes = {scene.name: scene for scene in results.scenes}
     for name, limits in gates.root.items():
@@ -147,7 +161,7 @@ def _judge_all(results: Results, gates: Gates) -> Iterator[Judgement]:
             if reason:
                 yield Judgement(name, metric, "fail", reason, describe(limit))
             elif record is None:
-                yield Judgement(name, metric, "fail", "metric is missing", describe(limit))
+                yield Judgement(name, metric, "fail", MISSING, describe(limit))
             else:
                 yield _judge_metric(name, metric, record, limit)
 
@@ -170,21 +184,41 @@ def _judge_metric(scene: str, metric: str, record: Metric, limit: Limit) -> Judg
 def _reasons(record: Metric, limit: Limit) -> Iterator[str]:
     """Why this metric fails this limit; nothing when it passes."""
     if record.below_noise and not limit.allow_below_noise:
-        yield "below the noise floor of the reference, so nothing is shown"
+        yield "below the noise floor of the reference, so nothing is shown" + _to_see(record, limit)
         return
+    reach = [SIGMAS * (record.se or 0.0)] * 2
+    if record.interval is not None:  # as far as the interval goes on that side, where it is not symmetric
+        reach = [max(record.value - record.interval[0], 0.0), max(record.interval[1] - record.value, 0.0)]
     if limit.max is not None:
-        yield _side(limit.max - record.value, record.se or 0.0, f"over max {limit.max:g}")
+        yield _side(record, limit.max - record.value, reach[1], f"over max {limit.max:g}")
     if limit.min is not None:
-        yield _side(record.value - limit.min, record.se or 0.0, f"under min {limit.min:g}")
+        yield _side(record, record.value - limit.min, reach[0], f"under min {limit.min:g}")
 
 
-def _side(room: float, se: float, outside: str) -> str:
-    """Reason to fail for `room` between value and limit (negative: beyond it), or nothing."""
+def _side(record: Metric, room: float, reach: float, outside: str) -> str:
+    """Reason to fail for `room` between value and limit (negative: beyond it), or nothing. reach: of the interval to that side."""
     if room < 0.0:
         return outside
-    if room < SIGMAS * se:
-        return f"not shown: value ± {SIGMAS:g}·se straddles the limit; more samples are needed"
+    if room < reach:
+        interval = f"value ± {SIGMAS:g}·se" if record.interval is None else "its 95 % interval"
+        needed = samples_to_decide(0.0, reach / SIGMAS, record.n, room, SIGMAS)
+        how = (
+            f"about {needed:,} samples instead of {record.n:,} decide it"
+            if needed < UNDECIDABLE
+            else "it lies on the limit"
+        )
+        return f"not shown: {interval} straddles the limit; {how}"
     return ""
+
+
+def _to_see(record: Metric, limit: Limit) -> str:
+    """How many samples it takes until an error as large as the limit would stand clear of the noise. What `noise` says of an error
+    falls with the fourth root of their number: it is the root of a standard error."""
+    effect = limit.max if limit.max is not None else limit.min
+    if record.noise is None or not effect or record.noise <= abs(effect):
+        return ""
+    needed = samples_needed(record.noise**2, record.n, effect**2)
+    return f"; it takes about {needed:,} samples instead of {record.n:,} to see an error of {abs(effect):g}"
 
 
 def describe(limit: Limit) -> str:

@@ -45,16 +45,19 @@ class GroundTruth:
     geometry: Geometry
 
 
-def ground_truth(scene: Scene, seed: int, progress: Progress) -> GroundTruth:
-    """Choose the points, then trace or recall.
+def ground_truth(scene: Scene, seed: int, progress: Progress, gated: bool = False) -> GroundTruth:
+    """Choose the points, then trace or recall. gated: no pictures, and of the points only the cameras', which gates ask about.
 
     Raises InputError if a camera stands in a wall or sees nothing.
     """
     g = build_geometry(scene, moving=True)
-    views = {name: pixel_view(scene, g, name, seed) for name in scene.settings.cameras}
+    views = {} if gated else {name: pixel_view(scene, g, name, seed) for name in scene.settings.cameras}
     points = choose_points(scene, g, scene.settings.truth.points, seed)
+    if gated:
+        points = {name: p for name, p in points.items() if name == "camera"}
     depth = path_depth(scene, scene.settings.truth.tolerance)
-    name = cache.key("truth", truth_hash(scene), seed, cache.code_hash(*TRUTH_CODE))
+    kind = ("truth", "gated") if gated else ("truth",)
+    name = cache.key(*kind, truth_hash(scene), seed, cache.code_hash(*TRUTH_CODE))
     begin = time.perf_counter()
     kept = cache.load("truth", name)
     if kept is None:

@@ -14,12 +14,15 @@ from ..reference.progress import Progress
 from ..reference.visibility import build_geometry
 from . import findings
 from .bake import REPEATS, Baked, bake, lifted, sample_points
+from .block_findings import block_findings
 from .efficiency.of_run import efficiency
 from .ground_truth import GroundTruth, ground_truth
+from .image_findings import image_findings
 from .pictures import scene_views
 from .placement_findings import placement_findings
 from .report.pictures import SceneView
 from .report.voxel_maps import voxel_maps
+from .spots import place_rows
 
 
 def measure_scene(
@@ -43,10 +46,13 @@ def measure_scene(
     found = findings.find(baked, device, truth, sampled, seed)
     placement = placement_findings(baked, truth, sampled, seed)
     grids = efficiency(baked, truth, sampled, seed, progress)
+    blocks = block_findings(truth, sampled)
+    views = scene_views(baked.scene, baked.probes, truth, lambda p: sample_points(baked, p).irradiance)
+    images = image_findings(truth, views)
     record: dict[str, Any] = {
         "name": scene.name,
         "status": "ok",
-        "metrics": found.metrics | placement.metrics | grids.metrics,
+        "metrics": found.metrics | blocks.metrics | images.metrics | placement.metrics | grids.metrics,
         "cost": {**_costs(baked, truth, clock.seconds), **grids.cost},
         "sampling": {"storage": baked.storage, "layout": baked.layout, "device": device.info.name},
         "counts_by_level": _levels(baked),
@@ -54,11 +60,13 @@ def measure_scene(
         **placement.tables,
         "grids": grids.grids,
         "worst": findings.worst(truth, sampled),
+        "biased": blocks.biased,
+        "places": place_rows(baked, [*found.spots, *placement.spots]),
+        "images": images.images,
         "verdicts": [],
         "files": {},
-        "notes": [*scene.notes, *bitmap.notes, *found.notes, *placement.notes, *grids.notes],
+        "notes": [*scene.notes, *bitmap.notes, *found.notes, *images.notes, *placement.notes, *grids.notes],
     }
-    views = scene_views(baked.scene, baked.probes, truth, lambda p: sample_points(baked, p).irradiance)
     progress("metrics", 1, 1)
     return record, views
 

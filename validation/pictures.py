@@ -8,7 +8,7 @@ import numpy as np
 
 from ..reference.datatypes import F32, Scene
 from ..reference.pipeline import Probes
-from ..reference.transport.patches import nearest_texel
+from ..reference.transport.textures import nearest_texel
 from ..reference.truth.points import CameraView, Points
 from ..reference.volume.layout import TEXEL_OFFSETS
 from .ground_truth import GroundTruth

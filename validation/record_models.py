@@ -19,13 +19,16 @@ class Open(BaseModel):
 
 
 class Metric(Open):
-    """One number. se: standard error, absent where none applies (a maximum). n: samples behind it."""
+    """One number. se: standard error, absent where none applies (a maximum). n: samples behind it. noise: what the reference's noise
+    alone would read. interval: of 95 %, where it is not value ± 1.96 se."""
 
     value: float
     se: NonNegative | None = None
     n: Count
     unit: str = ""
     below_noise: bool = False
+    noise: float | None = None
+    interval: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
 
 
 class LevelCount(Open):
@@ -49,6 +52,52 @@ class WorstPlace(Open):
     ours: Triple
     truth: Triple
     relative: float
+
+
+class BiasedBlock(Open):
+    """Neighbouring camera points whose mean light is wrong beyond chance. position: of one in the middle, m; size_m: diagonal of the
+    block. ours, truth: mean irradiance, W·m⁻². relative: signed difference over the scene's mean; noise: its standard error. p: of
+    Welch's test, before Holm's correction."""
+
+    position: Triple
+    size_m: NonNegative
+    points: Count
+    ours: Triple
+    truth: Triple
+    relative: float
+    noise: NonNegative
+    p: NonNegative
+
+
+class PlaceProbe(Open):
+    """A real probe that a place is lit by. position: m. weight: its share there."""
+
+    position: Triple
+    weight: NonNegative
+
+
+class Place(Open):
+    """Where a metric is worst. position: m. value: the metric there (of unlit_share and culled_raise: light missing or changed there,
+    over the mean). level, voxel_m: of the voxel that answers there; level 0: none does. probes: the heaviest first, up to eight."""
+
+    metric: str
+    position: Triple
+    value: float
+    level: Count
+    voxel_m: NonNegative | None = None
+    probes: list[PlaceProbe] = []
+
+
+class ImageSettings(Open):
+    """How a camera's picture was scored (metrics `flip_camera_NAME` …): FLIP's exposures, base-2 exponents chosen from the truth alone,
+    and paths a pixel of the truth."""
+
+    camera: str
+    exposure_start: float
+    exposure_stop: float
+    exposures: Count
+    pixels_per_degree: NonNegative
+    paths_per_pixel: Count
 
 
 class VoxelMap(Open):
@@ -154,7 +203,8 @@ class Flight(Open):
 class SceneResult(Open):
     """What was found out about one scene; `error` says why where `status` is failed. leaks: walls, leaking places and the edit
     that stops them (validation/leaks/explain.py). fly: a flight, None where none was asked for. sampling: storage, layout and device
-    that it was sampled with."""
+    that it was sampled with. waterfall: the error taken apart, link by link (validation/waterfall/record.py); pixel: one pixel
+    explained (validation/explain/pixel.py); both empty where not asked for."""
 
     name: str
     status: Literal["ok", "failed"]
@@ -169,7 +219,12 @@ class SceneResult(Open):
     offset_gains: list[OffsetGain] = []
     grids: list[GridError] = []
     worst: list[WorstPlace] = []
+    biased: list[BiasedBlock] = []
+    places: list[Place] = []
+    images: list[ImageSettings] = []
     leaks: JsonObject = {}
+    waterfall: JsonObject = {}
+    pixel: JsonObject = {}
     fly: Flight | None = None
     verdicts: list[Any] = []
     files: JsonObject = {}

@@ -15,6 +15,8 @@ from ..reference.errors import InputError
 from ..reference.scene import load_scene
 from ..reference.variant import ensure_variant
 from . import cache
+from .explain.request import Dissection, camera_of
+from .explain.story import with_dissection
 from .flight.plan import FlightPlan
 from .flight.story import with_flight
 from .formats import sampling_format
@@ -32,10 +34,11 @@ MEASURED_BY = ("reference", "fastpath", "validation/metrics")
 def run_scenes(
     sources: Sequence[Path], overrides: Mapping[str, Any], seed: int, out: Path, quiet: bool, command: str,
     explain: Explain | None = None, flight: FlightPlan | None = None,
+    dissected: Dissection | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Measure every scene and write the report into `out`; returns the results object. explain: the command line that applies the
     edit of a scene, by the number of its source and its name; with it leaks are explained and the files of `leaks.story` written.
-    flight: the flight that is flown through each scene.
+    flight: the flight that is flown through each scene. dissected: whether the error is taken apart, and which pixel is explained.
 
     All scenes are read before the first is measured. Raises InputError for bad input, EnvironmentLacks for a machine
     that cannot run; on Ctrl-C what is finished stays in the cache, and the same command goes on from there.
@@ -43,6 +46,8 @@ def run_scenes(
     ensure_variant()
     device = open_device()
     scenes = load_all(sources, overrides)
+    if dissected is not None and dissected.pixel is not None and len(scenes) == 1:
+        camera_of(scenes[0], dissected.pixel)  # now, not after the work
     records, views = [], []
     for number, scene in enumerate(scenes):
         with ProgressBar(scene.name, quiet) as progress:
@@ -53,6 +58,10 @@ def run_scenes(
                 record = {**record, "leaks": written["leaks"], "files": {**record["files"], **written["files"]}}
             if flight is not None and record["status"] == "ok":
                 record = _flown(record, flight, scene, device, seed, progress, alone=len(scenes) == 1)
+            if dissected is not None and record["status"] == "ok":
+                record, pictures = _dissected(
+                    (record, pictures), dissected, scene, device, seed, progress, alone=len(scenes) == 1
+                )
         records.append(record)
         views += pictures
     results = {
@@ -74,6 +83,19 @@ def _flown(
         if alone:
             raise
         return {**record, "status": "failed", "error": str(error)}
+
+
+def _dissected(
+    found: tuple[dict[str, Any], list[SceneView]], asked: Dissection, scene: Scene, device: OpenDevice, seed: int,
+    progress: ProgressBar, alone: bool,
+) -> tuple[dict[str, Any], list[SceneView]]:  # fmt: skip
+    """Record and views with what was taken apart. What cannot be fails its scene alone, unless it is `alone`."""
+    try:
+        return with_dissection(*found, result_key(scene, seed, device), asked, scene, device, seed, progress)
+    except InputError as error:
+        if alone:
+            raise
+        return {**found[0], "status": "failed", "error": str(error)}, found[1]
 
 
 def load_all(sources: Sequence[Path], overrides: Mapping[str, Any]) -> list[Scene]:

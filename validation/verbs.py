@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ..reference.errors import InputError
 
 if TYPE_CHECKING:
+    from .explain.request import Dissection
     from .flight.plan import FlightPlan
 
 GOOD, FAILED, BAD_INPUT, LACKING, OUR_FAULT, STOPPED = 0, 1, 2, 3, 4, 130
@@ -40,13 +41,15 @@ def doctor(arguments: Namespace) -> int:
 
 def run(arguments: Namespace) -> int:
     """The main job on the named scenes."""
+    from .explain.request import dissection
     from .flight.plan import flight_plan
     from .sources import resolve_scene
 
+    dissected = dissection(arguments.waterfall, arguments.explain)
     flight = flight_plan(arguments.fly, arguments.tile_budget, arguments.frames)
     sources = [resolve_scene(name) for name in arguments.scene]
-    more = arguments.explain_leaks or flight is not None
-    return _measure(arguments, sources, _running(arguments, flight) if more else _run_scenes)
+    more = arguments.explain_leaks or flight is not None or dissected is not None
+    return _measure(arguments, sources, _running(arguments, flight, dissected) if more else _run_scenes)
 
 
 def report(arguments: Namespace) -> int:
@@ -69,8 +72,10 @@ def _run_scenes(*values: Any) -> dict[str, Any]:
     return run_scenes(*values)
 
 
-def _running(arguments: Namespace, flight: FlightPlan | None) -> Callable[..., dict[str, Any]]:
-    """The run, with what else was asked of it: leaks explained, a flight."""
+def _running(
+    arguments: Namespace, flight: FlightPlan | None, dissected: Dissection | None
+) -> Callable[..., dict[str, Any]]:
+    """The run, with what else was asked of it: leaks explained, a flight, the error or a pixel taken apart."""
 
     def work(
         paths: list[Path], overrides: dict[str, Any], seed: int, out: Path, quiet: bool, line: str
@@ -84,7 +89,7 @@ def _running(arguments: Namespace, flight: FlightPlan | None) -> Callable[..., d
             return edited_command(arguments, typed[number], out, name)
 
         explain = command if arguments.explain_leaks else None
-        return run_scenes(paths, overrides, seed, out, quiet, line, explain, flight)
+        return run_scenes(paths, overrides, seed, out, quiet, line, explain, flight, dissected)
 
     return work
 
@@ -126,6 +131,11 @@ def _measure(arguments: Namespace, sources: list[Path], work: Callable[..., dict
             from .flight.text import flights_text
 
             print(flights_text(results))
+        if any(scene.get("waterfall") or scene.get("pixel") for scene in results["scenes"]):
+            from .explain.text import pixels_text
+            from .waterfall.text import waterfalls_text
+
+            print("\n".join(text for text in (waterfalls_text(results), pixels_text(results)) if text))
     return GOOD if all(scene["status"] == "ok" for scene in results["scenes"]) else FAILED
 
 
@@ -221,6 +231,23 @@ def bench(arguments: Namespace) -> int:
     return FAILED if registry.missed(result) else GOOD
 
 
+def stress(arguments: Namespace) -> int:
+    """The failure catalogue, or seeded faults. 1 if a case fails otherwise than stated, or the faults' report is not good."""
+    from .stress import verb
+
+    if arguments.faults and arguments.id:
+        raise InputError(f"--faults takes no case, got {' '.join(arguments.id)}; leave one of them out")
+    out = arguments.out or Path("reports/faults" if arguments.faults else "reports/stress")
+    check_out(out)
+    with contextlib.redirect_stdout(sys.stderr):
+        made, text = verb.faults(arguments, out) if arguments.faults else verb.cases(arguments, out)
+    if arguments.json:
+        print_json(made)
+    else:
+        print(text)
+    return GOOD if made["good"] else FAILED
+
+
 def gate(arguments: Namespace) -> int:
     """Judge a run."""
     from . import gate_output, gates
@@ -253,5 +280,6 @@ VERBS: dict[str, Callable[[Namespace], int]] = {
     "relight": relight,
     "formfactor": formfactor,
     "bench": bench,
+    "stress": stress,
     "gate": gate,
 }

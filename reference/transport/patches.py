@@ -19,11 +19,11 @@ from ..datatypes import F64, I32, I64, Mesh, Scene
 from ..visibility import Geometry, points_on_triangles
 from .baked_albedo import baked_albedo
 from .elements import cuts_for, points_in_elements
+from .textures import element_texture
 
 NORMAL_CELLS = 3  # per edge of a cube face: axis-aligned normals then lie in the middle of a cell, not on a border
 AUTO_PATCHES = 2500
 TIE = 1e-6  # what lies on a border to within rounding goes one way, so that neither scale nor place changes the patches
-TEXTURE_POINTS = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3], [1 / 3, 1 / 3]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +151,7 @@ def _assemble(scene: Scene, g: Geometry, cuts: I32, e: _Elements, patch: I64, ke
     normal = mean(g.normals[triangle])
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
     albedo = mean(_element_albedo(scene, g, cuts, e.first, triangle))
-    shine = mean(_element_texture(scene, g, cuts, e.first, triangle, "emission_texture", np.ones((len(triangle), 3))))
+    shine = mean(element_texture(scene, g, cuts, e.first, triangle, "emission_texture", np.ones((len(triangle), 3))))
     emits = key[:, 1] >= len(scene.materials)
     emitter = np.where(emits, key[:, 1] - len(scene.materials), -1).astype(np.int32)
     has_back = np.bincount(patch, g.two_sided[triangle], front) > 0
@@ -194,40 +194,14 @@ def exitance_of(meshes: Sequence[Mesh], emitter: I32, shine: F64) -> tuple[F64, 
 
 
 def _element_albedo(scene: Scene, g: Geometry, cuts: I32, first: I64, triangle: I32) -> F64:
-    """Albedo (E, 3) for the radiosity: of the material, or of its texture averaged over a few points of the element."""
+    """Albedo (E, 3) for the radiosity: of the material, or of its texture averaged over the element."""
     owner = g.mesh[triangle]
     plain = np.stack([m.albedo for m in (scene.materials[k.material] for k in scene.meshes)])[owner]
-    colour = _element_texture(scene, g, cuts, first, triangle, "texture", plain)
+    colour = element_texture(scene, g, cuts, first, triangle, "texture", plain)
     for number, mesh in enumerate(scene.meshes):
         mine = owner == number
         colour[mine] = baked_albedo(scene.materials[mesh.material], colour[mine])
     return colour
-
-
-def _element_texture(scene: Scene, g: Geometry, cuts: I32, first: I64, triangle: I32, name: str, plain: F64) -> F64:
-    """Picture `name` of the materials averaged over a few points of each element (E, 3); `plain` (E, 3) where there is none."""
-    owner, colour = g.mesh[triangle], plain.copy()
-    for number, mesh in enumerate(scene.meshes):
-        texture = getattr(scene.materials[mesh.material], name, None)
-        mine = np.flatnonzero(owner == number)
-        if texture is None or mesh.uvs is None or len(mine) == 0:
-            continue
-        corner = mesh.uvs[mesh.faces[triangle[mine] - int(np.argmax(g.mesh == number))]].astype(np.float64)
-        total = np.zeros((len(mine), 3))
-        for xy in TEXTURE_POINTS:
-            uv = points_in_elements(cuts, first, triangle[mine], mine, np.tile(xy, (len(mine), 1)))
-            w = np.column_stack([1.0 - uv.sum(axis=1), uv])
-            total += nearest_texel(texture, np.einsum("ni,nic->nc", w, corner))
-        colour[mine] = total / len(TEXTURE_POINTS)
-    return colour
-
-
-def nearest_texel(texture: npt.NDArray[np.floating], uv: F64) -> F64:
-    """Nearest texel (N, 3) at texture coordinates (N, 2), repeating; row 0 is v = 1."""
-    height, width = texture.shape[:2]
-    column = np.floor(uv[:, 0] * width).astype(int) % width
-    row = np.floor((1.0 - uv[:, 1]) * height).astype(int) % height
-    return np.asarray(texture[row, column, :3], dtype=np.float64)
 
 
 def surface_samples(g: Geometry, p: Patches, rows: I64, uvw: npt.NDArray[np.floating]) -> tuple[F64, F64]:

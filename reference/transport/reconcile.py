@@ -29,6 +29,9 @@ from .form_factors import FormFactors
 CLOSURE = 1e-9  # of a row, before rounding to float32
 MAX_ITERATIONS = 2000
 ROUNDS = 20
+# Where pairs link patches like the two colours of a chessboard, one combination of multipliers changes no flow: the system is singular,
+# and conjugate gradients would run away along it. So much is added to the (scaled) diagonal: far below what closure asks for.
+RIDGE = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +100,7 @@ def _least_change(f: Flows, area: F64) -> Flows:
 
     def product(y: F64) -> F64:
         z = scale * y
-        return np.asarray(scale * ((diagonal - twice) * z + upper @ z + lower @ z))
+        return np.asarray(scale * ((diagonal - twice) * z + upper @ z + lower @ z) + RIDGE * y)
 
     defect = area - row_sums(f, p)
     solved, _ = cg(

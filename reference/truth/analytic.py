@@ -19,3 +19,8 @@ def closed_sphere_radiosity(area: F64, albedo: F64, exitance: F64) -> F64:
         raise ValueError(f"the closed form needs one albedo, got {albedo.min(axis=0)} … {albedo.max(axis=0)}")
     mean = area @ exitance / area.sum()
     return np.asarray(exitance + rho * mean / (1.0 - rho))
+
+
+def closed_sphere_irradiance(area: F64, albedo: F64, exitance: F64) -> F64:
+    """Irradiance (3,), W·m⁻², everywhere on the inside of such a sphere: its mean radiosity. Arguments and errors as above."""
+    return np.asarray(area @ closed_sphere_radiosity(area, albedo, exitance) / area.sum())

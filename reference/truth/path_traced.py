@@ -91,6 +91,14 @@ def estimate(t: TruthScene, points: Points, s: TruthSettings, depth: int, seed: 
     return Estimate(found.irradiance, floor.irradiance, found.spp, depth)
 
 
+def irradiance_at(
+    t: TruthScene, points: Points, noise: float, max_spp: int, depth: int, seed: int, progress: Progress
+) -> Estimate:
+    """Trace the irradiance alone, without the L1 floor, until its relative noise is at most `noise` or `max_spp` paths per point
+    are spent: a second, finer look at some of the points. Another seed than `estimate`'s gives independent paths."""
+    return _until(t, points, noise, max_spp, depth, seed, False, progress)
+
+
 def _until(
     t: TruthScene, points: Points, noise: float, max_spp: int, depth: int, seed: int, l1: bool, progress: Progress
 ) -> Estimate:

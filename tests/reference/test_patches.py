@@ -102,6 +102,21 @@ def test_texture_becomes_the_mean_albedo() -> None:
     np.testing.assert_allclose(p.albedo[p.centroid[:, 0] < 0.4, 0], 0.0)
 
 
+@pytest.mark.parametrize("cells", [4, 32, 128])
+def test_pictures_finer_than_elements_do_not_alias(cells: int) -> None:
+    """A chequerboard: every patch has the mean of what lies on it, looked up at many points of it at random."""
+    board = np.indices((cells, cells)).sum(axis=0) % 2 == 1
+    picture = np.repeat(np.float32(0.8) * board[..., None], 3, axis=2)
+    uvs = np.float32([[0, 0], [1, 0], [1, 1], [0, 1]])
+    sheet = quad([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], uvs=uvs)
+    g, p = surfaces(scene([sheet], [material(texture=picture)]), 0.25)
+    uvw = np.random.default_rng(5).random((p.count, 1 << 13, 3))
+    points, _ = surface_samples(g, p, np.arange(p.count), uvw)
+    column, row = np.floor(points[..., :2] * cells).astype(int).clip(0, cells - 1).transpose(2, 0, 1)
+    looked_up = 0.8 * board[cells - 1 - row, column].mean(axis=1)
+    np.testing.assert_allclose(p.albedo[:, 0], looked_up, atol=0.02)
+
+
 def test_emission_texture_becomes_the_mean_exitance() -> None:
     """A picture of which the left half shines red, the lower half green: exitance is π × radiance × its mean over each patch, and
     the whole is that of the picture. Only the mesh's own emission counts, only the front shines, albedo stays."""

@@ -96,3 +96,27 @@ def test_the_canvases_hold_what_python_draws(
     expected.append(error_colours(relative_error(p.truth, p.ours, p.hit), p.hit))
     for canvas, picture in zip(found, expected, strict=True):
         assert np.abs(canvas - np.array([picture[y, x] for x, y in places], int)).max() <= 2
+
+
+CLICK = """<script>(async () => {
+  for (let i = 0; i < 200 && !document.querySelector('[data-drawn]'); i++) await new Promise((r) => setTimeout(r, 20));
+  const canvas = document.querySelector('[data-picture="ours"] canvas'), box = canvas.getBoundingClientRect();
+  const x = Math.ceil(box.left + box.width * 60.1 / 256), y = Math.ceil(box.top + box.height * 40.1 / 192);  // whole in events
+  canvas.dispatchEvent(new MouseEvent('click', {clientX: x, clientY: y}));
+})()</script></body>"""
+
+
+def test_a_click_says_how_to_explain_the_pixel(
+    tmp_path: Path, view: Callable[..., SceneView], results: Callable[..., JsonObject]
+) -> None:
+    """The values of the pixel, and the command that made the page as one that explains it."""
+    made = view("room", "main", noise=0.0)
+    write_report(tmp_path / "out", results("room"), [made])
+    html = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    html = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", html)
+    (tmp_path / "clicking.html").write_text(html.replace("</body>", CLICK), encoding="utf-8")
+    dom, _ = load(tmp_path / "clicking.html", tmp_path / "visits")
+    match = re.search(r'data-role="clicked"[^>]*>([^<]*)<', dom)
+    assert match is not None
+    assert match[1].startswith("clicked: pixel 60, 40   truth ")
+    assert "\nlightgauge run room --out reports/demo-pixel --explain main:60,40" in match[1]

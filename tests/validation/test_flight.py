@@ -20,7 +20,7 @@ from lightgauge.reference.errors import InputError
 from lightgauge.reference.progress import silent
 from lightgauge.validation import cli, gates, run
 from lightgauge.validation.flight import story
-from lightgauge.validation.flight.change import Still, jumps
+from lightgauge.validation.flight.change import Lag, Still, jumps
 from lightgauge.validation.flight.driver import Flight, fly
 from lightgauge.validation.flight.paths import DWELL, PATHS, PER_SECOND, WALKING_SPEED, Places, viewer_path
 from lightgauge.validation.flight.plan import BLEND, FlightPlan, flight_plan
@@ -305,3 +305,11 @@ def test_gates_of_flights_are_judged_only_where_one_was_flown(short: tuple[Fligh
     assert judged(fly=table) == ["fail"]  # the metric is missing
     assert judged(fly=table, metrics=flight_metrics(table)) == ["pass"]
     assert judged(fly=table, metrics={"fly_wrong_reads": {"value": 1.0, "n": 9}}) == ["fail"]
+
+
+def test_lag_is_the_longest_wait_for_the_light() -> None:
+    """The first point waits twice, once for two frames; the second is off by under 1 % of the mean and never waits."""
+    lag, there = Lag(2, 1.0), np.ones((2, 3), np.float32)
+    for first in (0.5, 0.9, 1.0, 0.8, 1.0):
+        lag.frame(np.array([[first] * 3, [0.995] * 3], np.float32), there)
+    assert lag.longest.tolist() == [2, 0] and lag.waiting.tolist() == [0, 0]

@@ -12,7 +12,7 @@ from lightgauge.reference.texture_types import VirtualTexture
 from lightgauge.reference.volume import layout
 from lightgauge.reference.volume.tiles import stored
 from lightgauge.validation.metrics import seams
-from lightgauge.validation.metrics.seams import SeamPoints, measure_seams, seam_points
+from lightgauge.validation.metrics.seams import SeamPoints, measure_seams, seam_gradients, seam_jumps, seam_points
 from small_scenes import random_probes, random_tree, texture_of, tree_of
 
 
@@ -137,3 +137,18 @@ def test_regions_are_obeyed() -> None:
     texture, _ = made(1)
     points = seam_points(texture, np.array([[5.0, 5.0, 5.0]]), 1)
     assert np.abs(points.q - 5).max() < 32 and np.median(np.abs(points.q - 5)) < 4
+
+
+def test_jumps_are_held_against_gradients() -> None:
+    """Rounding is nothing beside the change across a voxel; half floats leave more, always less than that change itself; and the worst
+    jump is among the points looked at."""
+    texture, _ = made(4)
+    points = seam_points(texture, None, 1)
+    sups = []
+    for format_ in ("float32", "half"):
+        kept = dataclasses.replace(texture, texels=stored(texture.texels, format_))
+        jumps = seam_jumps(kept, points)
+        some, steps = seam_gradients(kept, points, jumps)
+        assert len(some) == len(steps) == seams.GRADIENTS and int(jumps.at_normal.argmax()) in some
+        sups.append(float(steps.max()))
+    assert sups[0] < 1e-4 < sups[1] < 1.0

@@ -5,6 +5,7 @@ their mean light:
 
     pop_k     = max over points and colours of |E_k - E_(k-1)| / Ē
     flicker_k = rms over points and colours of (E_(k+1) - 2 E_k + E_(k-1)) / Ē
+    lag       = frames until the streamed light is within 1 % of Ē of what the whole texture says: the longest wait of any point
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from ...reference.datatypes import F32, F64
 
 PERCENTILE = 99.0
+SETTLED = 0.01  # of the mean light: nearer than this counts as there
 
 
 def jumps(before: F32, after: F32, scale: float) -> F64:
@@ -47,3 +49,19 @@ class Still:
             bend = irradiance.astype(np.float64) - 2.0 * last[1] + last[0]
             self.flickers.append(float(np.sqrt(np.mean(bend**2))) / self._scale)
         self._last = [*last[-1:], irradiance]
+
+
+class Lag:
+    """How long fixed points wait for their light. waiting (N,) i64: frames that each waits already; longest (N,): its longest wait."""
+
+    def __init__(self, points: int, scale: float) -> None:
+        """points: N. scale: mean irradiance, W·m⁻², above 0."""
+        self.waiting = np.zeros(points, dtype=np.int64)
+        self.longest = np.zeros(points, dtype=np.int64)
+        self._scale = scale
+
+    def frame(self, streamed: F32, whole: F32) -> None:
+        """Take the irradiance (N, 3) of the next frame, as streamed and as the whole texture at the same level of detail has it."""
+        late = jumps(whole, streamed, self._scale) > SETTLED
+        self.waiting = np.where(late, self.waiting + 1, 0)
+        self.longest = np.maximum(self.longest, self.waiting)

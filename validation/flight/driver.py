@@ -16,7 +16,7 @@ from ...fastpath.streamed import Moved, StreamedTexture
 from ...reference.datatypes import F32, F64
 from ...reference.progress import Progress
 from ...reference.texture_types import Samples
-from .change import Still, jumps
+from .change import Lag, Still, jumps
 from .paths import Path
 from .plan import BLEND
 from .reading import Read, Reader, unlike
@@ -29,9 +29,9 @@ MOVED = ("wanted", "resident", "loaded", "evicted", "missing", "hits", "bytes", 
 class Flight:
     """What was measured. frames: per name a number a frame. stills: the light at the fixed points, streamed and whole, without
     and with blend. last: per level, (N, 3) f32 what the streamed texture last said at each fixed point where the whole one
-    answers with that level, NaN where it never did. full (N, 3) f32: the whole texture without levels of detail. scale: the mean
-    of that, W·m⁻². squares: in the picture, sums of squared differences by name, and of the light, over `terms` values. samples:
-    how many were checked."""
+    answers with that level, NaN where it never did. lag: how long fixed points wait for their tiles. full (N, 3) f32: the whole
+    texture without levels of detail. scale: the mean of that, W·m⁻². squares: in the picture, sums of squared differences by name,
+    and of the light, over `terms` values. samples: how many were checked."""
 
     points: int
     scale: float
@@ -39,6 +39,7 @@ class Flight:
     frames: dict[str, list[float]] = field(default_factory=dict)
     stills: dict[str, Still] = field(default_factory=dict)
     last: dict[int, F32] = field(default_factory=dict)
+    lag: Lag | None = None
     squares: dict[str, float] = field(default_factory=dict)
     terms: int = 0
     samples: int = 0
@@ -54,6 +55,7 @@ def fly(world: World, device: OpenDevice, texture: StreamedTexture, path: Path, 
     fixed = Reader(device, world.watched, world.table.origin)
     full = fixed.whole(world, None, 0.0).irradiance
     flight = Flight(fixed.count, max(float(full.mean(dtype=np.float64)), 1e-30), full)
+    flight.lag = Lag(fixed.count, flight.scale)
     for name in ("streamed", "streamed_blend", "whole", "whole_blend"):
         flight.stills[name] = Still(fixed.count, flight.scale)
     for k, (position, target) in enumerate(zip(path.positions, path.targets, strict=True)):
@@ -84,6 +86,8 @@ def _fixed(flight: Flight, world: World, texture: StreamedTexture, fixed: Reader
     pairs = (("streamed", plain), ("streamed_blend", blended), ("whole", whole), ("whole_blend", whole_blend))
     for name, read in pairs:
         flight.stills[name].frame(read.irradiance)
+    if flight.lag is not None:
+        flight.lag.frame(plain.irradiance, whole.irradiance)
     fell, unexplained = unlike(plain, whole, flight.scale, moved.missing)
     unexplained += unlike(blended, whole_blend, flight.scale, moved.missing)[1]
     flight.samples += 2 * fixed.count

@@ -76,6 +76,9 @@ def _summary(flight: Flight) -> Iterator[tuple[str, dict[str, Any] | None]]:
         ("whole_blend", "_whole_blend"),
     ):
         yield from _changes(flight.stills[name], suffix, flight.points)
+    if flight.lag is not None and flight.points:
+        yield "lag", metric(int(flight.lag.longest.max()), None, flight.points)
+        yield "lag_share", metric(float((flight.lag.longest > 0).mean()), None, flight.points)
     shown = sum(f["seen"])
     yield "seen_pop", metric(max(f["seen_pop"]), None, int(shown))
     yield "seen_pop_blend", metric(max(f["seen_pop_blend"]), None, int(shown))

@@ -47,6 +47,15 @@ def dead_jump(texture: VirtualTexture, places: F64, level: I64 | I32) -> dict[st
     """dead_jump (mean) and dead_jump_sup over `places` (N, 3) m on edges of voxels of `level` (N,); nothing without places."""
     if not len(places):
         return {}
+    jump, n = dead_jumps(texture, places, level), len(places)
+    return {
+        "dead_jump": Measured(float(jump.mean()), float(jump.std() / math.sqrt(n)), n),
+        "dead_jump_sup": Measured(float(jump.max()), 0.0, n),
+    }
+
+
+def dead_jumps(texture: VirtualTexture, places: F64, level: I64 | I32) -> F64:
+    """The jump (N,) at each place, arguments as for `dead_jump`."""
     size = texture.finest * np.exp2(texture.level - level)
     around = np.concatenate([places[None], places[None] + STEP * size[None, :, None] * SIDES[:, None]])
     no_normal = np.zeros(
@@ -54,9 +63,4 @@ def dead_jump(texture: VirtualTexture, places: F64, level: I64 | I32) -> dict[st
     )  # weighs the directed part with 0: the mean over normals
     light = sample(texture, around.reshape(-1, 3), no_normal).irradiance.reshape(len(around), -1, 3).mean(axis=2)
     mean = light.mean(axis=0, dtype=np.float64)
-    jump = (light.max(axis=0) - light.min(axis=0)) / (mean + 0.01 * float(mean.mean()) + 1e-30)
-    n = len(places)
-    return {
-        "dead_jump": Measured(float(jump.mean()), float(jump.std() / math.sqrt(n)), n),
-        "dead_jump_sup": Measured(float(jump.max()), 0.0, n),
-    }
+    return np.asarray((light.max(axis=0) - light.min(axis=0)) / (mean + 0.01 * float(mean.mean()) + 1e-30), np.float64)

@@ -4,9 +4,10 @@
     relRMSE = √max(MSE, 0) / mean(R)
 
 The cross-half estimator, averaged over all ways to halve: the reference's noise cancels. With d_b = Ê - R_b it is
-((Σ d_b)² - Σ d_b²) / (B (B - 1)). Standard errors by jackknife over blocks of points (Efron and Stein 1981): the
-reference's noise is independent from point to point, so they hold it too. An MSE under twice its standard error is below
-the noise floor.
+((Σ d_b)² - Σ d_b²) / (B (B - 1)). Standard errors by jackknife over blocks of points: the reference's noise is independent from
+point to point, so they hold it too. An MSE under twice its standard error is below the noise floor: `noise` is the relRMSE that
+would stand just there. Percentiles have a bootstrap interval over points, and as `noise` what they would read of exact light: the
+percentile of half the difference of the reference's two halves, which is distributed like the error of its mean.
 """
 
 from __future__ import annotations
@@ -19,18 +20,25 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student_t
 
-F64 = npt.NDArray[np.float64]
-POINT_BLOCKS = 20
+from ...reference.datatypes import F64
+from ..statistics.bootstrap import bootstrap
+from ..statistics.jackknife import jackknife_se, mixed_blocks
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A number with its standard error, the count of points behind it, and whether it is below the noise floor."""
+    """A number with its standard error, the count of points behind it, and whether it is below the noise floor.
+
+    noise: what the reference's noise alone would read (or the least that could be told from it), None where that has no meaning.
+    interval: 95 %, where it is not symmetric.
+    """
 
     value: float
     se: float
     n: int
     below_noise: bool = False
+    noise: float | None = None
+    interval: tuple[float, float] | None = None
 
 
 def cross_half_mse(ours: F64, batches: F64) -> float:
@@ -60,17 +68,22 @@ def worst_case(ours: F64, batches: F64, percentile: float = 99.0) -> float:
 
 def jackknife(statistic: Callable[[F64, F64], float], ours: F64, batches: F64) -> float:
     """Standard error of `statistic(ours, batches)`: leave out one block of points at a time."""
-    n = batches.shape[1]
-    block = np.arange(n) * POINT_BLOCKS // n if n >= POINT_BLOCKS else np.arange(n)
-    # Points come in a low-discrepancy or image order: mix, so that every block covers the scene.
-    block = np.random.default_rng(0).permutation(block)
-    rest = [block != i for i in range(int(block.max()) + 1)]
-    return _jackknife_se([statistic(ours[..., r, :], batches[:, r]) for r in rest])
+    return float(
+        jackknife_se(lambda keep: statistic(ours[..., keep, :], batches[:, keep]), mixed_blocks(batches.shape[1]))
+    )
 
 
-def _jackknife_se(values: list[float]) -> float:
-    v = np.asarray(values)
-    return math.sqrt((len(v) - 1) / len(v) * float(((v - v.mean()) ** 2).sum())) if len(v) > 1 else 0.0
+def measure_worst_case(ours: F64, batches: F64, percentile: float = 99.0) -> Measured:
+    """`worst_case` with its bootstrap interval and what the reference's noise alone would read."""
+    n, reference = batches.shape[1], batches.mean(axis=0)
+    error = np.abs((ours if ours.ndim == 2 else ours.mean(axis=0)) - reference).mean(axis=1)
+    mean = reference.mean(axis=1)
+    spread = bootstrap(lambda d: np.percentile(error[d], percentile, axis=1) / mean[d].mean(axis=1), n)
+    half = 0.5 * np.abs(batches[0::2].mean(axis=0) - batches[1::2].mean(axis=0)).mean(axis=1)
+    noise = float(np.percentile(half, percentile) / batches.mean())
+    return Measured(
+        worst_case(ours, batches, percentile), spread.se, n, noise=noise, interval=(spread.low, spread.high)
+    )
 
 
 def measure_error(ours: F64, batches: F64) -> dict[str, Measured]:
@@ -86,7 +99,7 @@ def measure_error(ours: F64, batches: F64) -> dict[str, Measured]:
     return {
         "relrmse": measure_rel_rmse(ours, batches),
         "bias": Measured(signed_bias(ours, batches), jackknife(signed_bias, ours, batches), n),
-        "p99": Measured(worst_case(ours, batches), jackknife(worst_case, ours, batches), n),
+        "p99": measure_worst_case(ours, batches),
     }
 
 
@@ -98,7 +111,7 @@ def measure_rel_rmse(ours: F64, batches: F64) -> Measured:
     root = math.sqrt(max(mse, 0.0))
     # d√x = dx / 2√x; below the noise floor the linearisation fails and √(2 se) bounds the root.
     root_se = math.sqrt(2.0 * mse_se) / 2.0 if below else mse_se / (2.0 * root)
-    return Measured(root / mean, root_se / mean, batches.shape[1], below)
+    return Measured(root / mean, root_se / mean, batches.shape[1], below, math.sqrt(2.0 * mse_se) / mean)
 
 
 def worst_points(ours: F64, batches: F64, count: int = 5) -> npt.NDArray[np.intp]:

@@ -15,8 +15,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...reference.datatypes import F64
 from ...reference.turned import TurnedBox
-from .error import F64, Measured
+from .error import Measured
 
 
 def measure_leak(ours: F64, reference: F64, dark: np.ndarray) -> dict[str, Measured]:

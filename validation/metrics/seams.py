@@ -7,6 +7,8 @@ averaged over normals and Ē₀ its mean over points: so the figure belongs to t
 `seam_sup_normal` is the same at one random normal per point and relative to Ê there; where L1 irradiance all but
 cancels (the side away from the light) it divides by almost nothing, and is larger.
 
+`seam_gradient` is Sg of the catalogue: the jump over what the light changes by across the finer voxel (`seam_gradients`).
+
 Points lie on faces, edges and vertices of leaf voxels (the ones samples really use); the sides are all the voxels that
 meet there, found by looking a hair to each side. Three quarters lie between levels, where there are so many.
 """
@@ -18,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...reference.datatypes import F64
+from ...reference.datatypes import F64, I64
 from ...reference.directions import sphere
 from ...reference.sh import COSINE_A0, COSINE_A1, Y0, Y1, irradiance_weights
 from ...reference.texture_types import VirtualTexture
@@ -27,6 +29,7 @@ from .error import Measured
 
 NUDGE = 1e-3  # of a finest voxel: how far to each side to look for the neighbour
 MAX_POINTS = 20_000
+GRADIENTS = 2_000  # points at which jumps are held against gradients
 SIDES = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 
 
@@ -72,23 +75,82 @@ def _nudged(texture: VirtualTexture, q: F64, side: F64) -> F64:
     return np.asarray(np.clip(q + step, 0.0, texture.extent), dtype=np.float64)
 
 
-def measure_seams(texture: VirtualTexture, points: SeamPoints, suffix: str = "") -> dict[str, Measured]:
-    """seam_sup, seam_p99, seam_area and seam_sup_normal of a virtual texture, names followed by `suffix`."""
+@dataclass(frozen=True, eq=False)
+class SeamJumps:
+    """At N border points. jump (N,): J at the worst normal, W·m⁻²; relative (N,): over Ê₀ + 0.01 Ē₀; mean (N,): Ê₀. own (N,): J at
+    the point's own normal, W·m⁻²; own_mean (N,): Ê there; at_normal (N,): the one over the other + 0.01 Ē."""
+
+    jump: F64
+    relative: F64
+    mean: F64
+    at_normal: F64
+    own: F64
+    own_mean: F64
+
+
+def seam_jumps(texture: VirtualTexture, points: SeamPoints) -> SeamJumps:
+    """The jumps of a virtual texture at border points."""
     sides = np.stack([_radiance(texture, points.q, _nudged(texture, points.q, s)) for s in SIDES])
     mean = COSINE_A0 * Y0 * np.abs(sides[..., 0]).mean(axis=(0, 2))
     jump = np.zeros(len(points.q))
     for a, b in itertools.combinations(range(len(sides)), 2):
         jump = np.maximum(jump, _worst_jump(sides[a] - sides[b]))
-    relative, n = jump / (mean + 0.01 * float(mean.mean()) + 1e-30), len(jump)
+    relative = jump / (mean + 0.01 * float(mean.mean()) + 1e-30)
     at_normal = np.einsum("nk,snck->snc", irradiance_weights(points.normals), sides)
-    local = np.abs(at_normal).mean(axis=(0, 2))
-    spread = (at_normal.max(axis=0) - at_normal.min(axis=0)).max(axis=1) / (local + 0.01 * float(local.mean()) + 1e-30)
+    own_mean = np.abs(at_normal).mean(axis=(0, 2))
+    own = (at_normal.max(axis=0) - at_normal.min(axis=0)).max(axis=1)
+    return SeamJumps(jump, relative, mean, own / (own_mean + 0.01 * float(own_mean.mean()) + 1e-30), own, own_mean)
+
+
+def measure_seams(texture: VirtualTexture, points: SeamPoints, suffix: str = "") -> dict[str, Measured]:
+    """seam_sup, seam_p99, seam_area and seam_sup_normal of a virtual texture, names followed by `suffix`."""
+    return seam_metrics(seam_jumps(texture, points), suffix)
+
+
+def seam_metrics(jumps: SeamJumps, suffix: str = "") -> dict[str, Measured]:
+    """The same of jumps found already."""
+    n = len(jumps.jump)
     return {
-        f"seam_sup{suffix}": Measured(float(relative.max()), 0.0, n),
-        f"seam_p99{suffix}": Measured(float(np.percentile(relative, 99)), 0.0, n),
-        f"seam_area{suffix}": Measured(float((jump > 0.01 * mean).mean()), 0.0, n),
-        f"seam_sup_normal{suffix}": Measured(float(spread.max()), 0.0, n),
+        f"seam_sup{suffix}": Measured(float(jumps.relative.max()), 0.0, n),
+        f"seam_p99{suffix}": Measured(float(np.percentile(jumps.relative, 99)), 0.0, n),
+        f"seam_area{suffix}": Measured(float((jumps.jump > 0.01 * jumps.mean).mean()), 0.0, n),
+        f"seam_sup_normal{suffix}": Measured(float(jumps.at_normal.max()), 0.0, n),
     }
+
+
+def seam_gradients(texture: VirtualTexture, points: SeamPoints, jumps: SeamJumps) -> tuple[I64, F64]:
+    """Numbers (K,) of up to GRADIENTS points, those with the largest jumps among them, and Sg (K,) there: the jump over what the light
+    changes by across the finer voxel anyway, at the point's own normal.
+
+        Sg = J / (h_fine max_sides |∇Ê| + 1e-6 Ē)
+
+    Gradients are differences over a quarter of each side's voxel, towards its middle, with the formula of that side.
+    """
+    order = np.argsort(-jumps.at_normal, kind="stable")
+    rest = np.random.default_rng(0).permutation(order[GRADIENTS // 2 :])
+    some = np.concatenate([order[: GRADIENTS // 2], rest[: GRADIENTS - GRADIENTS // 2]]).astype(np.int64)
+    q, weights = points.q[some], irradiance_weights(points.normals[some])
+    steepest, finer = np.zeros(len(some)), np.full(len(some), np.inf)
+    for side in SIDES:
+        lookup = _nudged(texture, q, side)
+        _, level = locate(texture, lookup, np.full(len(q), texture.level))
+        size = np.exp2(texture.level - level)[:, None]
+        inwards = np.where((np.floor(lookup / size) + 0.5) * size >= q, 0.25, -0.25) * size
+        here = _at_normal(texture, q, lookup, weights)
+        slopes = []
+        for axis in np.eye(3):
+            step = inwards * axis
+            change = _at_normal(texture, q + step, lookup, weights) - here
+            slopes.append(change / step.sum(axis=1)[:, None])
+        steepest = np.maximum(steepest, np.linalg.norm(slopes, axis=0).max(axis=1))
+        finer = np.minimum(finer, size[:, 0])
+    across = finer * steepest + 1e-6 * float(jumps.own_mean.mean()) + 1e-30
+    return some, np.asarray(jumps.own[some] / across)
+
+
+def _at_normal(texture: VirtualTexture, q: F64, lookup: F64, weights: F64) -> F64:
+    """Irradiance (N, 3) at `q`, by the formula of the voxel that holds `lookup`."""
+    return np.asarray(np.einsum("nk,nck->nc", weights, _radiance(texture, q, lookup)))
 
 
 def _radiance(texture: VirtualTexture, q: F64, lookup: F64) -> F64:

@@ -32,6 +32,8 @@ FIGURES: tuple[tuple[str, str, Kind], ...] = (
     ("flicker_blend", "Flicker with blend", "percent"),
     ("seen_pop", "Worst pop in the viewer's picture", "percent"),
     ("seen_pop_blend", "Worst pop in the picture with blend", "percent"),
+    ("lag", "Longest wait of a fixed point for its light, frames", "plain"),
+    ("lag_share", "Fixed points that ever waited", "percent"),
     ("relrmse_lod", "Error of levels of detail, in the picture", "percent"),
     ("relrmse_streaming", "Error of missing tiles, in the picture", "percent"),
     ("relrmse_both", "Both, against the finest level everywhere", "percent"),

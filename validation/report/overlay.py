@@ -186,3 +186,11 @@ def surface_marks(pictures: CameraPictures, pose: CameraPose, points: F64) -> li
     near = np.abs(pictures.depth[row, column] - distance) <= 0.05 * distance
     keep = visible(pictures, xy, distance, 0.05) & pictures.hit[row, column] & near
     return [(int(i), float(xy[i, 0]), float(xy[i, 1])) for i in np.flatnonzero(keep)]
+
+
+def space_marks(pictures: CameraPictures, pose: CameraPose, points: F64) -> list[tuple[int, float, float]]:
+    """(index, x, y) in pixels of the places, (N, 3) m, on surfaces or in the air before them, that this camera sees."""
+    if not len(points):
+        return []
+    xy, distance = project(pose, points)
+    return [(int(i), float(xy[i, 0]), float(xy[i, 1])) for i in np.flatnonzero(visible(pictures, xy, distance))]

@@ -78,7 +78,7 @@ def render(record: JsonObject, views: Sequence[SceneView], exr: Sequence[str]) -
         mine = [(v, name) for v, name in zip(views, exr, strict=True) if v.pictures.scene == scene["name"]]
         drawn = [chart_context(c) for c in charts if c["scene"] == scene["name"]]
         sections.append({"id": f"scene-{i + 1}", "charts": drawn, **scene_section(scene, mine, record["provenance"])})
-    template = _environment().get_template("page.html.j2")
+    template = environment().get_template("page.html.j2")
     return template.render(
         policy=content_policy(style, script),
         style=Markup(style),
@@ -104,7 +104,8 @@ def _sha256(source: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()
 
 
-def _environment() -> Environment:
+def environment() -> Environment:
+    """Templates of this folder, everything escaped."""
     return Environment(
         loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, finalize=_shown,
         trim_blocks=True, lstrip_blocks=True,

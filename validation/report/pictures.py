@@ -11,7 +11,7 @@ clipped at ±50 %; the second summand keeps pixels that are all but black from s
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,11 +81,13 @@ class CameraPictures:
 
 @dataclass(frozen=True, eq=False)
 class SceneView:
-    """One camera of one scene, with the probes to draw over its picture (None: nothing to draw)."""
+    """One camera of one scene, with the probes to draw over its picture (None: nothing to draw). links: by name (H, W) f32, the signed
+    relative error that each link of the waterfall makes, None where it was not taken apart."""
 
     pictures: CameraPictures
     pose: CameraPose
     dots: ProbeDots | None = None
+    links: Mapping[str, F32] | None = None
 
 
 def luminance(rgb: F32) -> F32:

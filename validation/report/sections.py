@@ -8,15 +8,20 @@ from typing import Any
 
 import numpy as np
 
+from ..explain.command import explain_command
 from ..record_models import JsonObject
 from .bitmap_pictures import map_colours, map_context
 from .embed import broken_pixels, data_uri, fallback, pixels
 from .flight import flight_context
 from .leaks import leaks_context
-from .overlay import Colour, draw_probes, level_colours, surface_marks
+from .overlay import Colour, draw_probes, level_colours
 from .pictures import SceneView, png_bytes
+from .pixel import pixel_context
+from .place_tables import marks, place_rows
+from .score_tables import biased_context, images_context
 from .sweep_tables import grid_rows, lod_rows, sweeps_context
 from .verdict import floor_ratio, headline, warnings
+from .waterfall import waterfall_context
 from .words import COSTS, MEANINGS, SUFFIXES, amount, judge, meaning, number, percent, written
 
 SETS = (
@@ -24,7 +29,6 @@ SETS = (
 )  # fmt: skip
 PRIMARY = ("real_probes", "bake_s", "update_ms")
 SAID = {"good": "good", "over": "over", "unsure": "cannot tell", "": ""}
-MARKED = 10
 # Noise of the truth's picture from which its error is shown averaged at first, and the radii of the windows, pixels.
 NOISY, AVERAGES = (0.05, 0.15), (0, 2, 5)
 LONG_PATH = re.compile(r"(?<![\w.:/])/(?:[^\s/'\",;]+/){2,}([^\s/'\",;]+/[^\s/'\",;]+)")
@@ -39,12 +43,13 @@ def cell(metrics: Mapping[str, Any], name: str) -> JsonObject | None:
     known, _, _ = meaning(name)
     value, spread = written(metric, known.kind if known else "plain", str(metric.get("unit", "")))
     judged = judge(metric, known.limit if known else None)
-    noise = bool(metric.get("below_noise"))
+    noise, floor = bool(metric.get("below_noise")), metric.get("noise")
     return {
         "value": value,
         "spread": spread,
         "n": f"{metric['n']:,}",
         "below": noise,
+        "noise": "" if floor is None else written({"value": floor}, known.kind if known else "plain")[0],
         "judged": judged,
         "said": SAID[judged],
     }
@@ -82,9 +87,17 @@ def scene_section(
         "head": headline(scene),
         "warnings": warnings(scene),
         "sentence": sentence(metrics),
-        "views": [view_context(view, name, worst) for view, name in views],
+        "views": [
+            {
+                **view_context(view, name, scene),
+                "explain": explain_command(str(provenance.get("command", "")), scene["name"], view.pictures.camera),
+            }
+            for view, name in views
+        ],
         "levels": level_rows(scene, level_colours(drawn) or colours),
         "maps": map_context(scene, colours),
+        "waterfall": waterfall_context(scene.get("waterfall"), [view for view, _ in views]),
+        "pixel": pixel_context(scene.get("pixel"), [view for view, _ in views]),
         "leaks": leaks_context(scene.get("leaks")),
         "fly": flight_context(scene.get("fly")),
         "lods": lod_rows(scene),
@@ -93,6 +106,9 @@ def scene_section(
         "sets": [s for name in SETS if (s := set_row(metrics, name)) is not None],
         "others": other_rows(metrics),
         "worst": [worst_row(i, place) for i, place in enumerate(worst)],
+        "images": images_context(scene),
+        "biased": biased_context(scene),
+        "places": place_rows(scene),
         "cost": cost_rows(scene.get("cost", {})),
         "verdicts": [str(v) for v in scene.get("verdicts", [])],
         "notes": [shortened(str(note)) for note in scene.get("notes", [])],
@@ -116,10 +132,9 @@ def sentence(metrics: Mapping[str, Any]) -> str:
     return said + (f". The reference itself carries {percent(float(noise['value']), 2)} of noise." if noise else ".")
 
 
-def view_context(view: SceneView, exr: str, worst: Sequence[Mapping[str, Any]]) -> JsonObject:
+def view_context(view: SceneView, exr: str, scene: Mapping[str, Any]) -> JsonObject:
     """One camera: fallback pictures, packed light, the probes, marks at the worst places it sees."""
     pictures, pose = view.pictures, view.pose
-    points = np.array([place["position"] for place in worst[:MARKED]], np.float64).reshape(-1, 3)
     drawn = data_uri(png_bytes(draw_probes(pictures, pose, view.dots), 128)) if view.dots is not None else ""
     return {
         "camera": pictures.camera,
@@ -134,7 +149,7 @@ def view_context(view: SceneView, exr: str, worst: Sequence[Mapping[str, Any]]) 
         "pixels": pixels(pictures),
         "probes": drawn,
         "exr": exr,
-        "marks": [(i + 1, round(x, 1), round(y, 1)) for i, x, y in surface_marks(pictures, pose, points)],
+        "marks": marks(scene, pictures, pose),
     }
 
 

@@ -70,7 +70,7 @@ class Case:
     is swept over `values`, in rising order; `log`: its axis. metric: what the curves are, with unit. measure(value, seed): readings
     by curve name; a curve may be absent at values where it means nothing. breaks: curve whose crossing of `limit` is bisected
     between the two neighbouring values that lie on both sides, None where there is no such point. out_of_scope: why the case is not
-    run at all, else "". minutes: time limit.
+    run at all, else "". minutes: time limit. whole: only whole values of the parameter mean something.
     """
 
     id: str
@@ -88,3 +88,4 @@ class Case:
     out_of_scope: str = ""
     minutes: float = 3.0
     notes: tuple[str, ...] = field(default_factory=tuple)
+    whole: bool = False

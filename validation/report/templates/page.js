@@ -133,15 +133,25 @@
       const far = event.shiftKey ? 10 : 1, x = from % info.width, y = (from - x) / info.width;
       pick(x + far * move[0], y + far * move[1]);
     };
+    const said = (x, y) => {
+      const where = `pixel ${x}, ${y}`, i = y * info.width + x;
+      return light.hit[i]
+        ? `${where}   truth ${rgbText(light.truth, i)}   ours ${rgbText(light.ours, i)} W/m²   error ` +
+          `${errors[i] > 0 ? "+" : ""}${(100 * errors[i]).toFixed(1)} %`
+        : `${where}   no surface`;
+    };
     const pick = (x, y) => {
       if (x < 0 || y < 0 || x >= info.width || y >= info.height) return;
       pointed = y * info.width + x;
-      const where = `pixel ${x}, ${y}`;
-      find("readout").textContent = light.hit[pointed]
-        ? `${where}   truth ${rgbText(light.truth, pointed)}   ours ${rgbText(light.ours, pointed)} W/m²   error ` +
-          `${errors[pointed] > 0 ? "+" : ""}${(100 * errors[pointed]).toFixed(1)} %`
-        : `${where}   no surface`;
+      find("readout").textContent = said(x, y);
       show();
+    };
+    // What was clicked stays, with the command that says which probes light it.
+    const keep = () => {
+      if (pointed < 0) return;
+      const x = pointed % info.width, y = (pointed - x) / info.width, place = find("clicked");
+      const command = place.dataset.explain.replace("{pixel}", `${x},${y}`);
+      place.textContent = light.hit[pointed] ? `clicked: ${said(x, y)}\n${command}` : `clicked: ${said(x, y)}`;
     };
     const swap = (on) => () => {
       if (swapped === on) return;
@@ -158,6 +168,8 @@
       canvas.tabIndex = 0;
       canvas.addEventListener("keydown", step);
       canvas.addEventListener("pointermove", point);
+      canvas.addEventListener("click", (event) => { point(event); keep(); });
+      canvas.addEventListener("keydown", (event) => { if (event.key === "Enter") keep(); });
       canvas.addEventListener("pointerleave", () => { pointed = -1; show(); });
     }
     for (const name of ["truth", "ours"]) {
@@ -172,7 +184,7 @@
     drawLight();
     drawError();
     view.querySelector(".tools").hidden = false;
-    find("readout").textContent = "Point at a picture, or focus it and use the arrow keys, to read its values; press and hold truth or ours to swap the two.";
+    find("readout").textContent = "Point at a picture, or focus it and use the arrow keys, to read its values; click (or Enter) to keep them with the command that explains the pixel; press and hold truth or ours to swap the two.";
     view.dataset.drawn = "yes";
   }
 

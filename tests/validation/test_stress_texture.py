@@ -1,0 +1,101 @@
+"""Cases E, F and R of `lightgauge stress`: sound code gets the verdict that each case states, broken code fails it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from lightgauge.fastpath import layout, sampler, windows
+from lightgauge.fastpath.clipmap import Clipmap
+from lightgauge.validation.statistics import welch
+from lightgauge.validation.stress import rates_measured, texture_reads, texture_streams, truth_checks, truth_paths
+from lightgauge.validation.stress.case import Case
+from lightgauge.validation.stress.cases_rates import CASES as RATES
+from lightgauge.validation.stress.cases_rates import R4
+from lightgauge.validation.stress.cases_texture import CASES as TEXTURE
+from lightgauge.validation.stress.cases_texture import E3, E6, E7, E8
+from lightgauge.validation.stress.cases_truth import CASES as TRUTH
+from lightgauge.validation.stress.cases_truth import F5
+from lightgauge.validation.stress.catalogue import check_case
+from lightgauge.validation.stress.judge import Verdict, judge
+from lightgauge.validation.stress.rates_fit import exponent
+
+
+def verdict(case: Case, *values: float) -> Verdict:
+    """Judged at some values of the sweep only."""
+    return judge(case, {value: case.measure(value, 1) for value in values})
+
+
+def test_every_case_is_there_and_can_fail() -> None:
+    assert [c.id for c in (*TEXTURE, *TRUTH, *RATES)] == [
+        *(f"E{i}" for i in range(1, 9)), "F1", "F3", "F4", "F5", "F6", "R1", "R2", "R3", "R4",
+    ]  # fmt: skip
+    for case in (*TEXTURE, *TRUTH, *RATES):
+        check_case(case)
+
+
+@pytest.mark.parametrize(("case", "values"), [(E6, (255.0, 256.0)), (E8, (1.0,)), (R4, (0.125,))])
+def test_sound_code_passes(case: Case, values: tuple[float, ...]) -> None:
+    found = verdict(case, *values)
+    assert found.status == "pass", found.why
+
+
+def test_half_floats_fail_as_stated_beside_a_bright_light() -> None:
+    found = verdict(E3, 1e-7, 1.0)
+    assert found.status == "fail" and found.as_stated and found.good, found.why
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered in cast")
+def test_light_stored_without_exposure_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (layout, sampler, texture_reads):
+        monkeypatch.setattr(module, "exposure", lambda texture, storage: 1.0)
+    found = verdict(E3, 1e-7)
+    assert found.status == "fail" and not found.as_stated
+
+
+def test_a_clipmap_that_forgets_who_leaves_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Clipmap, "leave", lambda self, tiles: None)
+    monkeypatch.setattr(texture_streams, "FRAMES", 8)
+    found = verdict(E7, 3.0)
+    assert found.status == "fail" and not found.as_stated and "wrong reads" in found.why
+
+
+def test_bits_that_wrap_around_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(windows, "MAX_OFFSET", 1024)
+    assert verdict(E6, 256.0).status == "fail"
+
+
+def test_a_sampler_half_a_texel_off_breaks_its_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = rates_measured.Sampler.__call__
+    rates_measured._interpolated.cache_clear()
+    monkeypatch.setattr(
+        rates_measured.Sampler, "__call__", lambda self, p, n: whole(self, p + 0.25 * self._lattice.finest, n)
+    )
+    found = verdict(R4, 0.125)
+    rates_measured._interpolated.cache_clear()
+    assert found.status == "fail" and "smooth light" in found.why
+
+
+def test_what_finds_bias_finds_none_where_it_is_told_to_be_blind(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(truth_checks, "RUNS", 12)
+    monkeypatch.setattr(truth_checks, "CLEAN_RUNS", 40)
+    few = dataclasses.replace(F5, curves=tuple(c for c in F5.curves if c.name == "Welch on blocks"))
+    reading = {0.003: {"Welch on blocks": F5.measure(0.003, 1)["Welch on blocks"]}}
+    assert judge(few, reading).status == "pass"
+    monkeypatch.setattr(welch, "holm", lambda p, alpha: np.zeros(len(p), bool))
+    reading = {0.003: {"Welch on blocks": F5.measure(0.003, 1)["Welch on blocks"]}}
+    truth_checks._false_finds.cache_clear()
+    assert judge(few, reading).status == "fail"
+
+
+def test_tail_index_and_exponent_of_known_laws() -> None:
+    rng = np.random.default_rng(3)
+    pareto = truth_paths.tail_index(1.0 + rng.pareto(1.5, 100_000), 0.01)
+    assert abs(pareto.value - 1.5) < 4 * pareto.se and pareto.n == 1000
+    assert truth_paths.tail_index(np.full(1000, 2.0), 0.01).value == truth_paths.MOST_INDEX
+    assert truth_paths.early_index(0.98) == pytest.approx(1.65, abs=0.01) and math.isinf(truth_paths.early_index(0.9))
+    x = np.array([1.0, 2.0, 4.0])
+    fitted = exponent(x, 3.0 * x**2 * np.exp(0.05 * rng.normal(size=(8, 3))))
+    assert abs(fitted.value - 2.0) < 5 * fitted.se and 0.0 < fitted.se < 0.05

@@ -1,0 +1,140 @@
+"""All faults, one process each, and the sound product over many seeds: what the gates say of them.
+
+A finished answer is kept by the code, the gates and the fault, so that a campaign that was stopped goes on where it was.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from .. import cache
+from ..processes import Ended, Processes, why_ended, workers
+from .catalogue import FAULTS
+from .fault import Fault
+from .worker import CLEAN
+
+MINUTES = 15.0
+SEEDS_PER_PROCESS = 10  # imports and compiled kernels are shared by so many
+CLEAN_SEEDS = {"sphere": 200}
+KIND = "fault"
+MEASURED_BY = ("reference", "fastpath", "validation")
+Row = dict[str, Any]
+Tick = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Task:
+    """arguments: of the worker. fault, size: None for runs of the sound product."""
+
+    arguments: tuple[str, ...]
+    fault: Fault | None = None
+    size: float | None = None
+
+
+@dataclass(frozen=True)
+class Answers:
+    """faults: one row per fault and size. clean: one row per scene and seed of the sound product."""
+
+    faults: list[Row] = field(default_factory=list)
+    clean: list[Row] = field(default_factory=list)
+
+
+class Campaign:
+    """gates: the limits' file. jobs: processes at a time."""
+
+    def __init__(self, gates: Path, jobs: int | None) -> None:
+        self._gates, self._jobs, self._processes = gates, workers(jobs), Processes()
+
+    def run(self, tick: Tick, clean_seeds: Mapping[str, int] | None = None) -> Answers:
+        """Everything: sound runs of all scenes first (their references are kept for the faulty ones), then faults, then sizes below one
+        that was caught, then the sound product's seeds. On Ctrl-C workers are killed and what is finished stays kept."""
+        seeds = CLEAN_SEEDS if clean_seeds is None else clean_seeds
+        scenes = sorted({name for fault in FAULTS for name in fault.scenes})
+        first = [Task((CLEAN, name, "0", "1")) for name in scenes]
+        faults = [task for fault in FAULTS for task in _tasks(fault)]
+        chunks = [
+            Task((CLEAN, name, str(k), str(min(SEEDS_PER_PROCESS, count - k))))
+            for name, count in seeds.items()
+            for k in range(1, count, SEEDS_PER_PROCESS)
+        ]
+        total = len(first) + len(faults) + len(chunks)
+        done = 0
+        answers = Answers()
+        for batch in (first, faults, chunks):
+            for task, row in self._all(batch, lambda n, base=done: tick(base + n, total)):  # type: ignore[misc]
+                if task.fault is None:
+                    answers.clean.extend(row["runs"])
+                else:
+                    answers.faults.append(row)
+            done += len(batch)
+        return answers
+
+    def _all(self, tasks: Sequence[Task], tick: Callable[[int], None]) -> list[tuple[Task, Row]]:
+        rows: dict[int, Row] = {}
+        with ThreadPoolExecutor(self._jobs) as pool:
+            futures = {pool.submit(self._recalled, task): i for i, task in enumerate(tasks)}
+            try:
+                for n, future in enumerate(as_completed(futures), 1):
+                    rows[futures[future]] = future.result()
+                    tick(n)
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                self._processes.stop()
+                raise
+        return [(task, rows[i]) for i, task in enumerate(tasks)]
+
+    def _recalled(self, task: Task) -> Row:
+        digest = None if task.fault is None else (task.fault.digest(task.size), task.fault.scenes, task.fault.fly)
+        key = cache.key(KIND, task.arguments, digest, self._gates.read_text(), cache.code_hash(*MEASURED_BY))
+        kept = cache.load(KIND, key)
+        if kept is not None:
+            return dict(cache.unpack_json(kept["row"]))
+        command = [sys.executable, "-m", f"{__package__}.worker", str(self._gates), *task.arguments]
+        row = _row(task, self._processes.run(command, MINUTES))
+        if not row.get("unfinished"):
+            cache.store(KIND, key, {"row": cache.pack_json(row)})
+        return row
+
+
+def _tasks(fault: Fault) -> list[Task]:
+    """One, or one for each size."""
+    if not fault.sizes:
+        return [Task((fault.id,), fault)]
+    return [Task((fault.id, repr(size)), fault, size) for size in fault.sizes]
+
+
+def _row(task: Task, ended: Ended) -> Row:
+    """What a process said. A sound run that does not end well is a flag; so is a faulty one that dies."""
+    finished = any(line.get("done") for line in ended.told)
+    why = "" if finished else why_ended(ended.code, MINUTES)
+    if task.fault is None:
+        runs = [line for line in ended.told if "seed" in line]
+        if not finished:
+            runs.append(
+                {"seed": -1, "scene": task.arguments[1], "flags": [_died(task.arguments[1], why)], "metrics": {}}
+            )
+        return {"runs": runs, "unfinished": not finished, "tail": ended.tail if not finished else ""}
+    looked = [line for line in ended.told if "scene" in line]
+    flags = [flag for line in looked for flag in line["flags"]]
+    if not finished:
+        flags.append(_died(task.fault.scenes[min(len(looked), len(task.fault.scenes) - 1)], why))
+    return {
+        "id": task.fault.id,
+        "title": task.fault.title,
+        "file": task.fault.file,
+        "size": task.size,
+        "caught": bool(flags),
+        "flags": flags,
+        "scenes": [line["scene"] for line in looked],
+        "seconds": ended.seconds,
+        "died": why,
+    }
+
+
+def _died(scene: str, why: str) -> Row:
+    return {"scene": scene, "metric": "the run", "reason": why, "limit": "must end well", "value": None, "se": None}

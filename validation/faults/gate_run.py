@@ -1,0 +1,55 @@
+"""What gates ask about a scene, and nothing else: the main job without pictures, grids and sweeps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...fastpath.device import OpenDevice
+from ...reference import pipeline
+from ...reference.datatypes import Scene
+from ...reference.progress import silent
+from ...reference.visibility import build_geometry
+from .. import findings
+from ..bake import bake, sample_points
+from ..flight.plan import FlightPlan
+from ..flight.record import flight_metrics
+from ..flight.story import flown
+from ..gates import Gates, Judgement, judge_scene
+from ..ground_truth import ground_truth
+from ..metrics.validity import measure_validity
+from ..placement_sweeps import as_metric
+
+# Random grids beside the scene take minutes; no fault is caught by them alone.
+NOT_MEASURED = ("eta",)
+FLIGHT = FlightPlan("teleport", 120, 12)
+
+
+def gate_metrics(scene: Scene, device: OpenDevice, seed: int, fly: bool = False) -> dict[str, Any]:
+    """Metrics by name, as results.json holds them. fly: those of a short flight too, through a cache that is short of room.
+
+    Raises InputError as the main job does.
+    """
+    g = build_geometry(scene)
+    pipeline.check_placement(scene, g)
+    truth = ground_truth(scene, seed, silent, gated=True)
+    surfaces = pipeline.bake_surfaces(scene, seed)
+    light = pipeline.light_patches(scene, surfaces, seed)
+    octree = pipeline.place(scene, surfaces, seed)
+    baked = bake(scene, device, (surfaces, light), octree, seed, silent)
+    sampled = {name: sample_points(baked, points) for name, points in truth.points.items()}
+    found = dict(findings.find(baked, device, truth, sampled, seed).metrics)
+    probes, tolerance = baked.probes, scene.settings.placement.backface_tolerance
+    positions, voxel = probes.octree.positions, probes.octree.grid.wanted
+    validity = measure_validity(g, positions, probes.rows.back_share, voxel, tolerance, seed)
+    found |= {name: e for name, m in validity.metrics.items() if (e := as_metric(m)) is not None}
+    return found | (flight_metrics(flown(scene, device, seed, FLIGHT, silent)) if fly else {})
+
+
+def flagged(name: str, metrics: dict[str, Any], gates: Gates, fly: bool = False) -> list[Judgement]:
+    """The gates that scene `name` fails with these metrics."""
+    limits = {
+        metric: limit
+        for metric, limit in gates.root[name].items()
+        if not metric.startswith(NOT_MEASURED) and (fly or limit.only_with is None)
+    }
+    return [j for j in judge_scene(name, metrics, limits) if j.verdict == "fail"]

@@ -1,0 +1,146 @@
+"""Everything the stages of the waterfall are read from: the scene baked as a run bakes it, and its exact counterparts."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from ...fastpath.device import OpenDevice
+from ...fastpath.sampler import Sampler
+from ...reference import pipeline
+from ...reference.datatypes import F32, F64, Material, Scene
+from ...reference.progress import Progress, silent
+from ...reference.reconstruction import order_for
+from ...reference.sh import Order
+from ...reference.texture_types import Storage, VirtualTexture
+from ...reference.transport.baked_albedo import baked_albedo
+from ...reference.transport.form_factors import patch_form_factors
+from ...reference.transport.gather import upload
+from ...reference.transport.hits import DevicePatches, upload_patches
+from ...reference.transport.patch_light import direct_on_patches
+from ...reference.transport.radiosity import solve
+from ...reference.transport.ray_gather import ray_gather
+from ...reference.transport.reconcile import reconcile
+from ...reference.transport.solvers import METHODS
+from ...reference.volume.linear import texel_matrix
+from ...reference.volume.tiles import fill_tiles, probe_texels, with_copies
+from ..bake import filled
+from ..formats import sampling_format
+from ..ground_truth import GroundTruth, ground_truth
+
+EXACT_RAYS = 8  # times the bake's rays, of patches, shadows and probes
+MOST_PATCH_RAYS = 1 << 20
+PROBE_RAYS = (1024, 8192)  # least and most of a retraced probe
+SEED = 4000  # apart from all that the bake draws
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A scene, baked. exact (columns, 3): light on patches from better form factors. traced, probes: before and after culling;
+    uncut, culled, kept: their textures in float32, and culled as stored. probe_light (B, R, 4 or 9, 3) f64: light that the uncut
+    placement's probes should hold, from `probe_rays` rays each, in independent batches."""
+
+    scene: Scene
+    truth: GroundTruth
+    surfaces: pipeline.Surfaces
+    light: pipeline.PatchLight
+    exact: F64
+    traced: pipeline.Probes
+    probes: pipeline.Probes
+    coefficients: F32
+    uncut: VirtualTexture
+    culled: VirtualTexture
+    kept: VirtualTexture
+    sampler: Sampler
+    storage: Storage
+    probe_light: F64
+    probe_rays: int
+    seed: int
+
+    @property
+    def order(self) -> Order:
+        """SH order that the scene reconstructs from."""
+        return order_for(self.scene.settings.sampling.reconstruction)
+
+    @cached_property
+    def patches(self) -> DevicePatches:
+        """Patch tables on the device."""
+        return upload_patches(self.surfaces.geometry, self.surfaces.patches)
+
+    @cached_property
+    def texels(self) -> sparse.csr_array:
+        """Texels of the uncut texture from its probes."""
+        return texel_matrix(self.traced.layout, self.traced.light_from)
+
+
+def world(scene: Scene, device: OpenDevice, seed: int, progress: Progress) -> World:
+    """Bake and light the scene with the seeds of a run, recall or trace its truth, and compute the exact counterparts.
+
+    Raises InputError as `measure_scene` does.
+    """
+    truth = ground_truth(scene, seed, progress)
+    surfaces = pipeline.bake_surfaces(scene, seed, progress)
+    light = pipeline.light_patches(scene, surfaces, seed, progress)
+    traced = pipeline.trace_probes(scene, surfaces, pipeline.place(scene, surfaces, seed), seed, progress)
+    probes = pipeline.cull_probes(scene, surfaces, traced, seed, progress)
+    storage, layout = sampling_format(device.info, scene.settings.sampling.reconstruction)
+    coefficients = pipeline.probe_light(scene, surfaces, probes, light)
+    uncut = _texture(traced, pipeline.probe_light(scene, surfaces, traced, light), "float32")
+    culled = _texture(probes, coefficients, "float32") if probes is not traced else uncut
+    cache = filled(device, probes, coefficients, storage, layout)
+    sampler = Sampler(device, culled, storage, layout, scene.settings.sampling.reconstruction, cache)
+    probe_light, rays = _probe_light(scene, surfaces, traced, light, seed)
+    return World(
+        scene, truth, surfaces, light, exact_light(scene, surfaces, seed, progress), traced, probes, coefficients,
+        uncut, culled, _texture(probes, coefficients, storage), sampler, storage, probe_light, rays, seed,
+    )  # fmt: skip
+
+
+def _texture(probes: pipeline.Probes, coefficients: F32, storage: Storage) -> VirtualTexture:
+    """The texture as a cache filled in place holds it."""
+    light = probe_texels(*with_copies(coefficients, probes.light_from))
+    return pipeline.virtual_texture(probes, fill_tiles(probes.layout, light, storage))
+
+
+def exact_light(scene: Scene, surfaces: pipeline.Surfaces, seed: int, progress: Progress = silent) -> F64:
+    """Light of the same patches (columns, 3) from EXACT_RAYS times the rays, drawn anew, and as many more shadow rays."""
+    g, p, s = surfaces.geometry, surfaces.patches, scene.settings.radiosity
+    rays = np.minimum(EXACT_RAYS * surfaces.allocation.rays, MOST_PATCH_RAYS)
+    rows = reconcile(patch_form_factors(g, p, rays, seed + SEED, progress), p.area).rows
+    device_rows = upload(rows)
+    samples = EXACT_RAYS * s.shadow_rays
+    direct = direct_on_patches(scene, g, p, samples, seed + SEED, progress, device_rows)
+    return solve(scene, p, device_rows, direct, s.tolerance, METHODS[s.solver], rows).light
+
+
+def _probe_light(
+    scene: Scene, surfaces: pipeline.Surfaces, traced: pipeline.Probes, light: pipeline.PatchLight, seed: int
+) -> tuple[F64, int]:
+    """Light (B, R, K, 3) at the probes by rays of their own, and how many each."""
+    order = order_for(scene.settings.sampling.reconstruction)
+    g, positions = surfaces.geometry, traced.octree.positions
+    mean = float(np.mean(traced.rows.rays))
+    rays = int(np.clip(1 << int(np.ceil(np.log2(EXACT_RAYS * mean))), *PROBE_RAYS))
+    device_patches = upload_patches(g, surfaces.patches)
+    found = ray_gather(g, device_patches, positions, None, [light.radiosity.light], rays, seed + SEED + 1, order)
+    return found.radiance + pipeline.punctual_input(scene, g, positions, order), rays
+
+
+def as_baked(scene: Scene) -> Scene | None:
+    """The scene as the bake sees it: diffuse, no masks, nothing that moves or passes light. None where that is the scene itself."""
+    materials = tuple(_diffuse(m) for m in scene.materials)
+    meshes = tuple(m for m in scene.meshes if m.static and not scene.materials[m.material].passes_light)
+    used = {m.material for m in meshes}
+    plain = all(scene.materials[i].truth_bsdf is None and scene.materials[i].opacity is None for i in used)
+    if plain and len(meshes) == len(scene.meshes):
+        return None
+    return dataclasses.replace(scene, materials=materials, meshes=meshes)
+
+
+def _diffuse(m: Material) -> Material:
+    texture = None if m.texture is None else baked_albedo(m, m.texture).astype(np.float32)
+    return dataclasses.replace(m, albedo=baked_albedo(m, m.albedo), texture=texture, truth_bsdf=None, opacity=None)
