@@ -271,14 +271,18 @@ def _gate(verbs: Any) -> None:
 
 
 def _seed(text: str) -> int:
-    value = int(text)
-    if not 0 <= value < 2**32:
-        raise argparse.ArgumentTypeError(f"expected 0 to 2^32 - 1, got {text}")
-    return value
+    return _whole(text, 0, 2**32 - 1, "0 to 2^32 - 1")
 
 
 def _jobs(text: str) -> int:
-    value = int(text)
-    if not 1 <= value <= 64:
-        raise argparse.ArgumentTypeError(f"expected 1 to 64, got {text}")
+    return _whole(text, 1, 64, "1 to 64")
+
+
+def _whole(text: str, low: int, high: int, wanted: str) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = low - 1
+    if not low <= value <= high:
+        raise argparse.ArgumentTypeError(f"expected {wanted}, got {text[:40]!r}")
     return value

@@ -15,7 +15,7 @@ import jsonschema
 import pytest
 from lightgauge.reference.errors import InputError
 from lightgauge.validation.cli import main
-from lightgauge.validation.stress import catalogue, judge, record, system_cache, system_doors
+from lightgauge.validation.stress import catalogue, judge, record, system_cache, system_doors, text
 from lightgauge.validation.stress.bisect import breaking
 from lightgauge.validation.stress.case import Case, Curve, Reading, at_least, at_most, within
 from lightgauge.validation.stress.catalogue import Entry
@@ -296,6 +296,17 @@ def test_the_page_shows_every_case_and_is_harmless(made: dict[str, Any]) -> None
     for name in ("A1", "A2", "A3", "A4", "A5", "A6"):
         assert f'id="{name}"' in html
     assert html.count("<svg") > 6 and draw_heat_map(made) == draw_heat_map(made)
+
+
+def test_a_case_is_told_by_the_curve_that_decides_it(made: dict[str, Any]) -> None:
+    sound, bad = Curve("a", at_most(1.0), "why"), Curve("b", within(1.0, 1.0 + 1e-9), "why", stated=at_least(2.0))
+    readings = {v: {"a": Reading(0.5), "b": Reading(b)} for v, b in ((1.0, 1.0), (2.0, 3.0))}
+    found = judge.judge(case(sound, bad, values=(1.0, 2.0)), readings)
+    told = {"curves": [record._curve(c.name, c.reason, True, found.points) for c in (sound, bad)], "unit": "m"}
+    assert text.measured_words(told) == "b: 1 … 3" and text.expected_words(told) == "1 ± 5e-10"
+    assert text.breaks_words({**told, "breaking": {"low": 16.0, "high": 17.0, "at": 16.5, "said": "x"}}) == "16 to 17 m"
+    assert text.breaks_words({**told, "breaking": {"said": "no bracket: why"}}) == "no bracket"
+    assert "good ≤ 1; where the method fails 4 to 6" in render(made)
 
 
 def test_figures_of_a_record() -> None:

@@ -6,7 +6,7 @@ from .fault import ALL, Fault
 
 SUN = ("house",)
 LAMPS = ("two-rooms", "cornell")
-PERCENT = (0.1, 0.03, 0.01, 0.003, 0.001)
+PERCENT = (0.03, 0.01, 0.003, 0.001)
 
 LIGHT: tuple[Fault, ...] = (
     Fault(
@@ -52,11 +52,6 @@ LIGHT: tuple[Fault, ...] = (
     Fault(
         "sky-dark-to-probes", "probes do not see the sky",
         "reference/transport/radiosity.py", "np.zeros_like(sky) if engine_sky else sky", "np.zeros_like(sky)", SUN,
-    ),
-    Fault(
-        "sky-of-another-bin", "rays that leave the scene take their light from the opposite side of the sky, the ground's side",
-        "reference/transport/hits.py", "first_sky + device_bin(directions)", "first_sky + device_bin(-directions)",
-        ("house", "valley"),
     ),
     Fault(
         "transposed-rows", "form factors are divided by the other patch's area: F is transposed",

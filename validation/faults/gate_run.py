@@ -21,7 +21,7 @@ from ..placement_sweeps import as_metric
 
 # Random grids beside the scene take minutes; no fault is caught by them alone.
 NOT_MEASURED = ("eta",)
-FLIGHT = FlightPlan("teleport", 120, 12)
+FLIGHT = FlightPlan("teleport", frames=12, budget=300)  # about half of what `two-rooms` wants
 
 
 def gate_metrics(scene: Scene, device: OpenDevice, seed: int, fly: bool = False) -> dict[str, Any]:

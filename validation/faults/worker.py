@@ -29,8 +29,8 @@ def main(given: list[str] | None = None) -> int:
     answers = Answers(own_output())
     leave_with_parent()
     if options.id == CLEAN:
-        scene, first, count = options.rest
-        clean(scene, range(int(first), int(first) + int(count)), options.gates, answers)
+        scene, first, count, *fly = options.rest
+        clean(scene, range(int(first), int(first) + int(count)), options.gates, bool(fly), answers)
     else:
         size = float(options.rest[0]) if options.rest else None
         fault = find_fault(options.id)
@@ -54,11 +54,11 @@ def faulty(fault: Fault, gates: str, answers: Answers) -> None:
             return
 
 
-def clean(name: str, seeds: range, gates: str, answers: Answers) -> None:
-    """The sound product on one scene, seed by seed."""
+def clean(name: str, seeds: range, gates: str, fly: bool, answers: Answers) -> None:
+    """The sound product on one scene, seed by seed; fly: with a flight."""
     for seed in seeds:
         began = time.perf_counter()
-        flags, metrics = run_gates(name, seed, gates)
+        flags, metrics = run_gates(name, seed, gates, fly)
         answers.say(seed=seed, scene=name, flags=flags, metrics=metrics, seconds=time.perf_counter() - began)
 
 

@@ -1,4 +1,5 @@
-"""A1 to A11 of the failure catalogue: form factors. What is measured is in measure_rays, measure_factors and measure_meshes."""
+"""A1 to A11 of the failure catalogue: form factors. What is measured is in measure_rays, measure_small, measure_factors and
+measure_meshes."""
 
 from __future__ import annotations
 
@@ -188,7 +189,7 @@ SMALL = Case(
     parameter="form factor",
     unit="",
     values=(1e-4, 1e-3, 1e-2, 0.1, 0.5, 0.9),
-    metric="rms error over 512 receivers, of √(F (1 - F) / N); reported error of real; relative error",
+    metric="rms error over receivers, of √(F (1 - F) / N); reported error of real; relative error",
     curves=(
         Curve(
             "ours, of binomial",
@@ -203,7 +204,7 @@ SMALL = Case(
             stated=lambda f: Band(0.75 * math.sqrt((1.0 - f) / (4096 * f)), 1.25 * math.sqrt((1.0 - f) / (4096 * f))),
         ),
     ),
-    measure=late("measure_rays", "small_form_factor"),
+    measure=late("measure_small", "small_form_factor"),
     log=True,
 )
 

@@ -218,6 +218,11 @@ OPENING = Case(
         ),
         Curve("least of any seed", at_least(0.0), "light is finite and never negative, whatever the rays have missed"),
         Curve(
+            "most of any seed, closed forms",
+            at_most(5.0),
+            "no more arrives than falls on the hole, but for the few shadow rays that find it: closing rows must not run away",
+        ),
+        Curve(
             "seeds without an answer, rays",
             at_most(0.0),
             "an opening that no ray finds is dark: under 2e-5 m² fewer than one of all rays is expected through it",

@@ -15,7 +15,7 @@ from ..summary import number
 
 WIDTH, HEIGHT = 560.0, 250.0
 LEFT, RIGHT, TOP, BOTTOM = 66.0, 548.0, 12.0, 206.0
-COLOURS = ("#3b82d6", "#cf6d10", "#2e9e5b", "#b0499f", "#8d7a0b", "#c23b3b", "#12806f", "#6b6bd6")
+COLOURS = ("#3b82d6", "#cf6d10", "#2e9e5b", "#b0499f", "#8d7a0b", "#c23b3b", "#12806f", "#6b6bd6", "#5f6b78", "#d98cb3")
 SPREAD = 30.0  # from this ratio on, an axis of readings is logarithmic
 GRID: dict[str, str | float] = {"stroke": "currentColor", "stroke_opacity": 0.13}
 Point = Mapping[str, Any]

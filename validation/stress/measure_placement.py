@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -74,7 +75,7 @@ def validity(missing: float, seed: int) -> Mapping[str, Reading]:
         for name, g in rocks.items():
             shares[name].append(back_share(g, above, 100 * seed + k))
             found |= _judged(name, np.concatenate(shares[name]), np.concatenate(solid))
-        return found | _without_rock(seed, k)
+        return found | _around(seed, k)
 
     return until_decided(C4, missing, look, LOOKS)
 
@@ -84,8 +85,8 @@ def _ground() -> Mesh:
 
 
 @cache
-def _without_rock(seed: int, looks: int) -> dict[str, Reading]:
-    """The readings of `validity` that no rock has a part in, from the places of the first `looks`."""
+def _around(seed: int, looks: int) -> dict[str, Reading]:
+    """The readings of `validity` that have nothing to do with what the rock lacks, from the places of the first `looks`."""
     whole, ground, wrong = (
         closed_solids(build_geometry(scene_of([_rock()]))),
         _ground(),
@@ -93,13 +94,13 @@ def _without_rock(seed: int, looks: int) -> dict[str, Reading]:
     )
     leaves = [_leaf(np.random.default_rng([seed, 106, number])) for number in range(200)]
     forest = build_geometry(scene_of([ground, *leaves], [grey(), grey(two_sided=True)]))
-    alone = build_geometry(scene_of([ground]))
+    sound = build_geometry(scene_of([_rock(), ground]))
     for k in range(1, looks + 1):
         rng = np.random.default_rng([seed, 107, k])
         below = rng.uniform((-1.6, -1.0, -1.6), (1.6, -0.02, 1.6), (PLACES, 3))
         below = below[~inside(whole, below)]
         above = rng.uniform((-1.6, 0.02, -1.6), (1.6, 2.0, 1.6), (PLACES, 3))
-        valid = back_share(alone, below, 100 * seed + k) <= TOLERANCE
+        valid = back_share(sound, below, 100 * seed + k) <= TOLERANCE
         false = back_share(forest, above, 100 * seed + k) > TOLERANCE
         wrong += [[valid.sum(), len(below)], [false.sum(), PLACES]]
     return {"below_missed": _share(*wrong[0]), "cards_alarms": _share(*wrong[1])}
@@ -193,7 +194,7 @@ def thin_things(width: float, seed: int) -> Mapping[str, Reading]:
     walls = box((-FAR,) * 3, (FAR,) * 3, lit_by_probes=False)
     found = {}
     for name, touching in (("default", False), ("touching", True)):
-        tables = {
+        tables: dict[str, Any] = {
             "placement": {"min_voxel": VOXEL, "touching": touching},
             "radiosity": {"patch_size": 50.0, "rays": 64, "noise": 1.0},
         }

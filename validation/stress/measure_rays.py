@@ -1,4 +1,4 @@
-"""Cases A1, A2, A7, A8, A11: where rays go, and how many it takes."""
+"""Cases A1, A2, A7, A11: where rays go, and how many it takes."""
 
 from __future__ import annotations
 
@@ -165,49 +165,6 @@ def _hemicube(g: Geometry, position: F64, rays: int) -> F64:
     hits = cast(g, to_box(g, np.tile(position, (len(d), 1))), vectors(d))
     met = g.mesh[np.array(hits.triangle)[np.array(hits.hit)]]
     return np.bincount(met, minlength=GRID * GRID) / len(d)
-
-
-# A8 ------------------------------------------------------------------------------------------------------------------
-
-SMALL_RAYS, SMALL_RECEIVERS = 4096, 512
-
-
-def small_form_factor(wanted: float, seed: int) -> Mapping[str, Reading]:
-    """Relative root mean square error of the form factor from a point to a coaxial square, over receivers with rays of their own;
-    the standard errors that they report, over their real error; and what independent rays would err."""
-    half = _half_side(wanted)
-    s = scene_of([quads_mesh([plate((-half, half), (-half, half), 0.0, up=True)])])
-    g = build_geometry(s)
-    normals, at = np.tile(-UP, (SMALL_RECEIVERS, 1)), np.tile(UP, (SMALL_RECEIVERS, 1))
-    p = build_patches(s, g, 1e3)
-    rows = point_form_factors(g, p, at, normals, SMALL_RAYS, seed, silent)
-    found, square = rows.matrix()[:, : p.count].sum(axis=1), np.zeros(SMALL_RECEIVERS)
-    mine = rows.columns < p.count
-    np.add.at(square, np.repeat(np.arange(rows.rows), np.diff(rows.indptr))[mine], rows.se[mine, 0].astype(float) ** 2)
-    errors, reported = found - wanted, math.sqrt(square.mean())
-    rms, n = float(np.sqrt((errors**2).mean())), SMALL_RECEIVERS
-    spread = 1.0 / math.sqrt(2.0 * n)  # relative standard error of a root mean square of normal errors
-    alone = np.random.default_rng([seed, 5]).binomial(SMALL_RAYS, wanted, n) / SMALL_RAYS - wanted
-    plain = float(np.sqrt((alone**2).mean()))
-    kurt = math.sqrt(max(1.0, float(((errors / rms) ** 4).mean()) / 2.0))  # and of what has heavier tails
-    theory = math.sqrt((1.0 - wanted) * wanted / SMALL_RAYS)
-    return {
-        "ours, of binomial": Reading(rms / theory, kurt * spread * rms / theory, n),
-        "reported standard error, of real": Reading(reported / rms, kurt * spread * reported / rms, n),
-        "independent rays": Reading(plain / wanted, kurt * spread * plain / wanted, n),
-    }
-
-
-def _half_side(wanted: float) -> float:
-    """Half the side, m, of the square 1 m away whose form factor is `wanted`."""
-    from scipy.optimize import brentq
-
-    def form_factor(log_a: float) -> float:
-        a = math.exp(log_a)
-        p = math.sqrt(1.0 + a * a)
-        return 4.0 * (a / p * math.atan(a / p) / math.pi) - wanted
-
-    return math.exp(brentq(form_factor, -20.0, 20.0, xtol=1e-14))
 
 
 # A11 -----------------------------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from .catalogue import GROUPS
 from .curves import COLOURS, draw_case
 from .heat_map import STATUS_FILLS, STEPS, draw_heat_map
 from .record import SCHEMA_FILE, status_words
-from .text import expected_words, measured_words
+from .text import bands_words, breaks_words, expected_words, measured_words
 
 BADGES = {
     "pass": "good",
@@ -61,7 +61,6 @@ def _case(case: Mapping[str, Any]) -> JsonObject:
     """What the page says of a case."""
     breaking = case.get("breaking") or {}
     status = status_words(case)
-    unit = f" {case['unit']}" if case["unit"] else ""
     return {
         **case,
         "words": status,
@@ -69,11 +68,23 @@ def _case(case: Mapping[str, Any]) -> JsonObject:
         "svg": Markup(draw_case(case)),
         "expected": expected_words(case),
         "measured": measured_words(case),
-        "breaks": f"{number(breaking['at'])}{unit}" if breaking.get("at") is not None else breaking.get("said", ""),
+        "breaks": breaks_words(case),
         "said": breaking.get("said", ""),
-        "legend": [(Markup(_swatch(COLOURS[i % len(COLOURS)])), curve) for i, curve in enumerate(case["curves"])],
+        "legend": [
+            (Markup(_swatch(COLOURS[i % len(COLOURS)])), curve, _wanted(curve))
+            for i, curve in enumerate(case["curves"])
+        ],
         "crash": case.get("crash"),
     }
+
+
+def _wanted(curve: Mapping[str, Any]) -> str:
+    """What a curve should read, and what is stated where it cannot."""
+    good, stated = bands_words(curve, "good"), bands_words(curve, "stated")
+    words = [f"good {good}"] if good else []
+    return "; ".join(
+        [*words, f"{'where the method fails' if good else 'without the remedy'} {stated}"] if stated else words
+    )
 
 
 def _steps() -> list[tuple[Markup, str]]:

@@ -11,6 +11,7 @@ from .record import is_good, status_words
 
 COLUMNS = ("id", "status", "failure", "measured", "breaks at", "s")
 WIDEST = 46
+WORST = ("fail", "below noise", "stated", "pass", "shown")
 
 
 def stress_text(record: Mapping[str, Any], out: Path) -> str:
@@ -34,48 +35,68 @@ def stress_text(record: Mapping[str, Any], out: Path) -> str:
 
 
 def _row(case: Mapping[str, Any]) -> list[str]:
-    breaking = case.get("breaking") or {}
-    at = f"{number(breaking['at'])} {case['unit']}".strip() if breaking.get("at") is not None else ""
     cells = [
         case["id"],
         status_words(case),
         cut(case["title"]),
         cut(measured_words(case)),
-        at,
+        breaks_words(case),
         f"{case['seconds']:.1f}",
     ]
     return [plain(str(cell)) for cell in cells]
 
 
 def measured_words(case: Mapping[str, Any]) -> str:
-    """The first judged curve, from the first to the last value of the sweep."""
-    for curve in case["curves"]:
-        known = [p for p in curve["points"] if p["value"] is not None]
-        if curve["judged"] and known:
-            ends = [known[0]] if len(known) == 1 else [known[0], known[-1]]
-            return f"{curve['name']}: " + " … ".join(number(float(p["value"])) for p in ends)
-    return ""
+    """The curve that decides, from the first to the last value of the sweep."""
+    curve = deciding(case)
+    if curve is None:
+        return ""
+    known = [p for p in curve["points"] if p["value"] is not None]
+    ends = known if len(known) == 1 else [known[0], known[-1]]
+    return f"{curve['name']}: " + " … ".join(number(float(p["value"])) for p in ends)
 
 
 def expected_words(case: Mapping[str, Any]) -> str:
-    """The bands of the first judged curve, at the first and the last value where they differ."""
-    for curve in case["curves"]:
-        bands = [
-            band_words(p.get("good") or p.get("stated")) for p in curve["points"] if p.get("good") or p.get("stated")
-        ]
-        if curve["judged"] and bands:
-            return bands[0] if bands[0] == bands[-1] else f"{bands[0]} … {bands[-1]}"
-    return ""
+    """The bands of the curve that decides."""
+    curve = deciding(case)
+    return "" if curve is None else bands_words(curve, "good") or bands_words(curve, "stated")
 
 
-def band_words(band: Mapping[str, Any] | None) -> str:
+def deciding(case: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The first curve with a reading of the worst kind, None where no judged one was read."""
+    curves = [c for c in case["curves"] if c["judged"] and any(p["value"] is not None for p in c["points"])]
+    return min(curves, key=lambda c: min(WORST.index(p["status"]) for p in c["points"]), default=None)
+
+
+def bands_words(curve: Mapping[str, Any], name: str) -> str:
+    """A curve's bands `name` (good, stated) at the first and the last value that has one, once where they are the same."""
+    bands = [band_words(p[name]) for p in curve["points"] if p.get(name)]
+    if not bands:
+        return ""
+    return bands[0] if bands[0] == bands[-1] else f"{bands[0]} … {bands[-1]}"
+
+
+def band_words(band: Mapping[str, Any]) -> str:
     """A band of the record in words."""
-    low, high = (band or {}).get("low"), (band or {}).get("high")
+    low, high = band.get("low"), band.get("high")
     if low is None and high is None:
         return "anything"
     if low is None or high is None:
         return f"≤ {number(high)}" if low is None else f"≥ {number(low)}"
-    return number(low) if low == high else f"{number(low)} to {number(high)}"
+    if number(low) == number(high):
+        return number(low) if low == high else f"{number(low)} ± {number((high - low) / 2.0)}"
+    return f"{number(low)} to {number(high)}"
+
+
+def breaks_words(case: Mapping[str, Any]) -> str:
+    """Where a case breaks: the two neighbours where only whole values mean something, else the middle; else why not."""
+    found = case.get("breaking") or {}
+    if found.get("at") is None:
+        return str(found.get("said", "")).split(":")[0]
+    ends = (found["low"], found["high"])
+    neighbours = ends[1] - ends[0] == 1.0 and all(float(end).is_integer() for end in ends)
+    at = f"{number(ends[0])} to {number(ends[1])}" if neighbours else number(found["at"])
+    return f"{at} {case['unit']}".strip()
 
 
 def cut(words: str, most: int = WIDEST) -> str:

@@ -24,12 +24,12 @@ from .texture_worlds import (
     flat_light,
     inside,
     random_light,
-    random_tree,
     random_world,
     uniform_tree,
     units,
     world,
 )
+from .trees import random_tree
 
 FRACTION_BITS = 8  # of a texture unit's 24.8 fixed-point coordinates
 COUNT = 60_000
@@ -90,7 +90,7 @@ def filter_fractions(invalid: float, seed: int) -> Mapping[str, Reading]:
 @cache
 def _tile(seed: int) -> tuple[World, int, F64, F32, int]:
     """A world without invalid probes, one of its tiles, and positions and normals in it: on a grid that holds its faces; its level."""
-    w = random_world(random_tree(CLEAN_LEVEL, 0.6, seed), 0.0, seed)
+    w = random_world(random_tree(CLEAN_LEVEL, 0.6, [seed, 1]), 0.0, seed)
     slot, first = w.layout.tiles // 2, w.layout.first_slot
     level = int(np.searchsorted(first, slot, side="right"))
     cell = w.layout.parents[level - 1][slot - first[level - 1]]

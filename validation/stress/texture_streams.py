@@ -20,7 +20,8 @@ from ...reference.volume.clipmap import sample_resident, window_texels
 from ...reference.volume.indirection import pack, slot_offset
 from ...reference.volume.sampler import sample
 from .case import Reading
-from .texture_worlds import World, device, random_tree, random_world, units
+from .texture_worlds import World, device, random_world, units
+from .trees import random_tree
 
 LEVELS, SHARE, INVALID = 6, 0.4, 0.33
 REACH = 6.0  # m: the finest level serves up to there
@@ -65,7 +66,7 @@ def _refused(act: Callable[[], object]) -> Reading:
 
 @cache
 def _world(seed: int) -> World:
-    return random_world(random_tree(LEVELS, SHARE, seed), INVALID, seed)
+    return random_world(random_tree(LEVELS, SHARE, [seed, 1]), INVALID, seed)
 
 
 class _Forgetful(StreamedTexture):

@@ -8,15 +8,14 @@ from functools import cache
 import numpy as np
 
 from ...fastpath.device import OpenDevice, open_device
-from ...reference.datatypes import F32, F64, I64, Bool
-from ...reference.lattice import OCTANTS, Grid, Octree, cells, child_keys, keys, unique_cells
+from ...reference.datatypes import F32, F64, Bool
+from ...reference.lattice import Grid, Octree
 from ...reference.placement.octree import uniform_octree
 from ...reference.texture_types import Storage, TileTable, VirtualTexture
 from ...reference.volume.indirection import build_indirection
 from ...reference.volume.layout import TileLayout, build_layout
 from ...reference.volume.table import tile_table
 from ...reference.volume.tiles import fill_tiles, probe_texels
-from .trees import tree_of
 
 LIGHT_LOW, LIGHT_SPAN, DIRECTED = 0.5, 1.0, 0.25  # L00 of a random probe, and its L1 as a share of that
 
@@ -47,18 +46,6 @@ def device() -> OpenDevice:
 def uniform_tree(level: int) -> Octree:
     """2^level voxels of 1 m per axis from the origin on, all of them there."""
     return uniform_octree(Grid(np.zeros(3), 1.0, level, np.full(3, 1 << level, dtype=np.int64)))
-
-
-def random_tree(levels: int, share: float, seed: int) -> Octree:
-    """Every voxel to level 1, then each child with probability `share`, and always one of them; finest voxels of 1 m."""
-    rng = np.random.default_rng([seed, 1])
-    voxels: list[I64] = [np.zeros((1, 3), np.int64), unique_cells(OCTANTS)]
-    for _ in range(2, levels + 1):
-        children = cells(np.sort(child_keys(keys(voxels[-1]))))
-        kept = rng.random(len(children)) < share
-        kept[0] = True
-        voxels.append(children[kept])
-    return tree_of(voxels)
 
 
 def world(tree: Octree, light: F32, valid: Bool) -> World:

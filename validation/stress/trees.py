@@ -79,8 +79,9 @@ def lone_branch(depth: int) -> Octree:
     return tree_of(voxels)
 
 
-def random_tree(levels: int, share: float, rng: np.random.Generator) -> Octree:
-    """Every voxel to level 1, then each child with probability `share`."""
+def random_tree(levels: int, share: float, seed: np.random.Generator | Sequence[int]) -> Octree:
+    """Every voxel to level 1, then each child with probability `share`, and always one of them."""
+    rng = np.random.default_rng(seed)
     voxels: list[I64] = [np.zeros((1, 3), dtype=np.int64), OCTANTS]
     for _ in range(2, levels + 1):
         children = (2 * voxels[-1][:, None, :] + OCTANTS[None]).reshape(-1, 3)

@@ -17,6 +17,7 @@ from ..statistics.plan import Sequential
 from .case import Band, Case, Curve, Reading, at_most
 from .judge import ALPHA, LEAST_SIGMAS, place, room
 
+BISECTED = 0.0027  # chance of 3 standard errors, which bisect.py asks for
 Look = Callable[[int], Mapping[str, Reading]]
 
 
@@ -31,13 +32,15 @@ def until_decided(case: Case, value: float, look: Look, looks: int, least: int =
     curves = {curve.name: curve for curve in case.curves}
     judged = [curve for curve in case.curves if curve.good or curve.stated]
     alpha = ALPHA / (len(case.values) * max(len(judged), 1))
-    if value not in case.values:
-        curves = {name: Curve(name, at_most(case.limit), "") for name in curves if name == case.breaks}
+    limit = at_most(case.limit)(value)
     readings: dict[str, Reading] = {}
     for k in range(1, looks + 1):
         readings = dict(look(k))
-        told = (_told(curves[n], value, r, k, looks, alpha) for n, r in readings.items() if n in curves)
-        if k >= least and all(told):
+        if value in case.values:
+            told = all(_told(curves[name], value, r, k, looks, alpha) for name, r in readings.items())
+        else:
+            told = case.breaks not in readings or _on_a_side(readings[case.breaks], limit, k, looks, BISECTED)
+        if told and k >= least:
             break
     return readings
 
@@ -59,12 +62,16 @@ def _told(curve: Curve, value: float, reading: Reading, k: int, looks: int, alph
 
 def settled(reading: Reading, band: Band, k: int, looks: int, alpha: float) -> bool:
     """Whether a reading from look `k` of `looks` is clearly in or out of a band, or its noise is small beside it."""
+    bound = Sequential(0.0, looks, alpha).bounds[-1]
+    return bound * reading.se <= room(band) or _on_a_side(reading, band, k, looks, alpha)
+
+
+def _on_a_side(reading: Reading, band: Band, k: int, looks: int, alpha: float) -> bool:
+    """Whether a reading is clearly in or out of a band."""
+    if reading.se == 0.0 or not math.isfinite(reading.value + reading.se):
+        return True
     edges = [edge for edge in (band.low, band.high) if math.isfinite(edge)]
-    if not edges:
-        return True
     stops = [Sequential(edge, looks, alpha) for edge in edges]
-    if stops[0].bounds[-1] * reading.se <= room(band):
-        return True
     sides = [stop.decide(reading.value, reading.se, k) for stop in stops]
     beyond = any(s == ("under" if e == band.low else "over") for s, e in zip(sides, edges, strict=True))
     return beyond or all(sides)
