@@ -122,6 +122,7 @@ def test_enough_tiles_cost_nothing(room: World, device: OpenDevice) -> None:
     s = {name: m["value"] for name, m in table["summary"].items()}
     assert s["wrong_reads"] == s["unexplained"] == s["most_missing"] == s["fell_share"] == s["evicted"] == 0
     assert s["relrmse_streaming"] < 1e-6 and s["relrmse_lod"] > 1e-3
+    assert 0.0 < s["twin_deviation"] < 1e-5  # places on all sides of the viewer, whom positions are told from
     assert s["pop"] == pytest.approx(s["pop_whole"], rel=1e-4) and s["pop"] > 0.0
     assert s["flicker_blend"] < s["flicker"]
     assert s["hit_share"] < 1.0 and s["loaded"] == s["most_resident"] >= s["most_wanted"]

@@ -16,7 +16,7 @@ from .. import cache
 from ..processes import Ended, Processes, why_ended, workers
 from .catalogue import FAULTS
 from .fault import Fault
-from .worker import CLEAN
+from .worker import CLEAN, THE_RUN
 
 MINUTES = 15.0
 SEEDS_PER_PROCESS = 10  # imports and compiled kernels are shared by so many
@@ -126,20 +126,27 @@ def _row(task: Task, ended: Ended) -> Row:
         return {"runs": runs, "unfinished": not finished, "tail": ended.tail if not finished else ""}
     looked = [line for line in ended.told if "scene" in line]
     flags = [flag for line in looked for flag in line["flags"]]
-    if not finished:
+    injected = any("injected" in line for line in ended.told)
+    # A process that ends with an error of its own, before a scene was judged or while it was, is a fault that does not apply.
+    valid = injected and (finished or ended.code is None or ended.code < 0)
+    if valid and not finished:
         flags.append(_died(task.fault.scenes[min(len(looked), len(task.fault.scenes) - 1)], why))
     return {
         "id": task.fault.id,
         "title": task.fault.title,
         "file": task.fault.file,
         "size": task.size,
+        "valid": valid,
         "caught": bool(flags),
+        "by_gate": any(flag["metric"] != THE_RUN for flag in flags),
         "flags": flags,
         "scenes": [line["scene"] for line in looked],
         "seconds": ended.seconds,
         "died": why,
+        "tail": "" if valid else ended.tail,
+        "unfinished": not valid,
     }
 
 
 def _died(scene: str, why: str) -> Row:
-    return {"scene": scene, "metric": "the run", "reason": why, "limit": "must end well", "value": None, "se": None}
+    return {"scene": scene, "metric": THE_RUN, "reason": why, "limit": "must end well", "value": None, "se": None}

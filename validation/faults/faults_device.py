@@ -40,7 +40,7 @@ DEVICE: tuple[Fault, ...] = (
     Fault(
         "weights-unasked", "places where no probe is valid are answered, not passed to the parent",
         "fastpath/lanes.clh", "const int8 mine = mask_of(together) && m.weight >= MIN_WEIGHT;", "const int8 mine = mask_of(together);",
-        ("two-rooms", "cornell", "house"),
+        ("valley", "corridor", "two-rooms"),
     ),
     Fault(
         "neighbour-voxel", "samples read the neighbouring voxel of their tile",
@@ -49,6 +49,11 @@ DEVICE: tuple[Fault, ...] = (
     Fault(
         "together-too-far", "samples of neighbouring voxels count as samples of the same",
         "fastpath/lanes.clh", "const int s = finest - v.level;", "const int s = finest - v.level + 1;",
+    ),
+    Fault(
+        "blue-for-green", "green and blue change places, eight samples at a time",
+        "fastpath/lanes.clh", "all.red * inverse * scale, all.green * inverse * scale, all.blue * inverse * scale",
+        "all.red * inverse * scale, all.blue * inverse * scale, all.green * inverse * scale", ("corridor", "sphere"),
     ),
     Fault(
         "corner-order", "two corners of a voxel change places, eight samples at a time",
@@ -68,25 +73,15 @@ DEVICE: tuple[Fault, ...] = (
         "fastpath/tile_cache.cl", "(int3)(octant >> 2, (octant >> 1) & 1, octant & 1)", "(int3)(octant & 1, (octant >> 1) & 1, octant >> 2)",
     ),
     Fault(
-        "light-without-its-weight", "light is stored as it was before its weight was rounded",
-        "fastpath/tile_cache.cl", "ratio = exact > 0.0f ? stored / exact : 1.0f;", "ratio = 1.0f;", ("cornell", "corridor", "house",
-        "two-rooms"),
-    ),
-    Fault(
         "not-premultiplied", "virtual probes carry light divided by their weight",
         "fastpath/tile_cache.cl", "    const float exact = t.first.sc, stored = kept(exact)",
         "    if (source == VIRTUAL && t.first.sc > 0.0f) { const float w = t.first.sc; t.first /= w; t.second /= w; t.first.sc = w; }\n"
-        "    const float exact = t.first.sc, stored = kept(exact)", WALLS,
+        "    const float exact = t.first.sc, stored = kept(exact)", ("house", *WALLS),
     ),
     Fault(
         "exposure-twice", "light is divided by the exposure and not multiplied with it again",
         "fastpath/grid.py", 'words["scale"] = [exposure, 0.0, 0.0, 0.0]', 'words["scale"] = [1.0, 0.0, 0.0, 0.0]', ("cornell",
         "corridor", "two-rooms"),
-    ),
-    Fault(
-        "levels-unordered", "tiles of all levels are filled at once, parents after their children",
-        "fastpath/tile_cache.py", "for first, end in zip(lists.begin[:-1], lists.begin[1:], strict=True):",
-        "for first, end in list(zip(lists.begin[:-1], lists.begin[1:], strict=True))[::-1]:", ("corridor", "two-rooms", "cornell"),
     ),
     Fault(
         "wrap-around-lost", "clipmap windows are addressed without wrapping around when tiles are entered",

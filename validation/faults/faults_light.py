@@ -96,6 +96,14 @@ LIGHT: tuple[Fault, ...] = (
         "reference/transport/accumulate.py", "first = [mi.Float(Y0), Y1 * y, Y1 * z, Y1 * x]", "first = [mi.Float(Y0), Y1 * z, Y1 * y, Y1 * x]",
     ),
     Fault(
+        "coefficients-reversed", "spherical-harmonics coefficients are gathered in reverse order",
+        "reference/transport/gather.py", "dr.gather(mi.Float, rows.values, i * k + n)", "dr.gather(mi.Float, rows.values, i * k + (k - 1 - n))",
+    ),
+    Fault(
+        "basis-constant", "the constant of the linear band's basis is that of the zeroth",
+        "reference/sh.py", "Y1 = 0.5 * math.sqrt(3.0 / math.pi)", "Y1 = 0.5 * math.sqrt(1.0 / math.pi)",
+    ),
+    Fault(
         "probe-x-mirrored", "x of the probes' spherical harmonics has the wrong sign",
         "reference/transport/accumulate.py", "first = [mi.Float(Y0), Y1 * y, Y1 * z, Y1 * x]", "first = [mi.Float(Y0), Y1 * y, Y1 * z, -Y1 * x]",
     ),

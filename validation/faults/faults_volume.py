@@ -66,6 +66,10 @@ VOLUME: tuple[Fault, ...] = (
         "reference/volume/tiles.py", "np.where(corner == 1, texel / 2.0, 1.0 - texel / 2.0)", "np.where(corner == 1, 0.25 + texel / 4.0, 0.75 - texel / 4.0)",
     ),
     Fault(
+        "colours-interleaved", "texels hold coefficient by coefficient what is read colour by colour",
+        "reference/volume/tiles.py", "light = coefficients[:, :4].transpose(0, 2, 1).reshape(n, 12)", "light = coefficients[:, :4].reshape(n, 12)",
+    ),
+    Fault(
         "invalid-light-kept", "texels of invalid probes keep their light beside weight 0",
         "reference/volume/tiles.py", "np.concatenate([np.where(mask, light, 0.0), mask,", "np.concatenate([light, mask,", WALLS,
     ),

@@ -21,7 +21,8 @@ from ..placement_sweeps import as_metric
 
 # Random grids beside the scene take minutes; no fault is caught by them alone.
 NOT_MEASURED = ("eta",)
-FLIGHT = FlightPlan("teleport", frames=12, budget=300)  # about half of what `two-rooms` wants
+# As many tiles as `two-rooms` wants at once: they come and go, and none is missing.
+FLIGHT = FlightPlan("orbit", frames=60, budget=600)
 
 
 def gate_metrics(scene: Scene, device: OpenDevice, seed: int, fly: bool = False) -> dict[str, Any]:

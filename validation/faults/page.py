@@ -11,7 +11,7 @@ from markupsafe import Markup
 from ..record import write_bytes_atomic
 from ..report.page import TEMPLATES, content_policy, environment, provenance
 from ..report.svg import tag, text
-from .text import alarm_words, flag_words, margin_words, power_words, size_words
+from .text import alarm_words, flag_words, margin_words, power_words, size_words, summary_words
 
 ROW, LEFT, WIDTH = 22.0, 210.0, 900.0
 
@@ -26,6 +26,7 @@ def write_page(out: Path, record: Mapping[str, Any]) -> None:
             policy=content_policy(style, ""),
             style=Markup(style),
             record=record,
+            summary=summary_words(record["summary"]),
             faults=[
                 {**row, "by": flag_words(row), "percent": "" if row["size"] is None else f"{row['size']:.1%}"}
                 for row in record["faults"]

@@ -59,8 +59,9 @@ def fault_record(about: JsonObject, answers: Answers, limits: dict[str, Any]) ->
     thin = margins([run for run in answers.clean if run["seed"] == 0], limits)
     others = false_alarms([run for run in answers.clean if run["seed"] == 0])
     missed = [row["id"] for row in counted if not row["caught"]]
+    broken = [row["id"] for row in answers.faults if not row["valid"]]
     verdicts = {
-        "faults": len(missed) <= MOST_MISSED * len(counted),
+        "faults": not broken and len(missed) <= MOST_MISSED * len(counted),
         "false_alarms": alarms["flagged"] <= MOST_FALSE * alarms["runs"] and not others["flagged"],
         "power": all(row["noticed"] >= LEAST_POWER * row["runs"] for row in power),
     }
@@ -69,7 +70,13 @@ def fault_record(about: JsonObject, answers: Answers, limits: dict[str, Any]) ->
         "provenance": about,
         "good": all(verdicts.values()),
         "verdicts": verdicts,
-        "summary": {"faults": len(counted), "caught": len(counted) - len(missed), "missed": missed},
+        "summary": {
+            "faults": len(counted),
+            "caught": len(counted) - len(missed),
+            "missed": missed,
+            "broken": broken,
+            "stopped": [row["id"] for row in counted if row["caught"] and not row["by_gate"]],
+        },
         "faults": answers.faults,
         "sizes": sized,
         "false_alarms": alarms,

@@ -16,12 +16,8 @@ WIDEST = 60
 def faults_text(record: Mapping[str, Any], out: Path) -> str:
     """A line a fault, what was missed, sizes, false alarms, power."""
     rows = [["fault", "size", "caught", "on", "by"], *(_row(row) for row in record["faults"])]
-    s, alarms = record["summary"], record["false_alarms"]
-    lines = [
-        table(rows),
-        f"{s['caught']} of {s['faults']} faults caught"
-        + (f"; missed: {', '.join(s['missed'])}" if s["missed"] else ""),
-    ]
+    alarms = record["false_alarms"]
+    lines = [table(rows), summary_words(record["summary"])]
     lines += [size_words(row) for row in record["sizes"]]
     lines += [power_words(row) for row in record["power"]]
     lines += [
@@ -85,3 +81,15 @@ def margin_words(rows: Sequence[Mapping[str, Any]]) -> str:
         f"a sound run over all scenes would be flagged with a chance of {chance:.2g}, if errors are normal; nearest to their "
         f"limits, in standard errors: {nearest}"
     )
+
+
+def summary_words(s: Mapping[str, Any]) -> str:
+    """How many faults were noticed, by what, and which were not."""
+    words = f"{s['caught']} of {s['faults']} faults noticed, {s['caught'] - len(s['stopped'])} by gates"
+    for name, said in (
+        ("stopped", "the others stopped the run"),
+        ("missed", "missed"),
+        ("broken", "not applied, mend the catalogue"),
+    ):
+        words += f"; {said}: {', '.join(s[name])}" if s[name] else ""
+    return words

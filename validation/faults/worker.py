@@ -17,6 +17,7 @@ from .fault import Fault
 from .inject import inject
 
 CLEAN = "clean"
+THE_RUN = "the run"  # what is noticed where a run does not end well
 
 
 def main(given: list[str] | None = None) -> int:
@@ -35,6 +36,7 @@ def main(given: list[str] | None = None) -> int:
         size = float(options.rest[0]) if options.rest else None
         fault = find_fault(options.id)
         inject(fault, size)
+        answers.say(injected=fault.id)
         faulty(fault, options.gates, answers)
     answers.say(done=True)
     return 0
@@ -46,9 +48,11 @@ def faulty(fault: Fault, gates: str, answers: Answers) -> None:
         began = time.perf_counter()
         try:
             flags, _ = run_gates(name, 0, gates, fault.fly)
+        except (SyntaxError, NameError, ImportError):  # no fault of the product's, but one that cannot run at all
+            raise
         except Exception as error:  # a refusal, or a crash: nobody would take that for a good run
             reason = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-            flags = [{"scene": name, "metric": "the run", "reason": reason, "limit": "must end well"}]
+            flags = [{"scene": name, "metric": THE_RUN, "reason": reason, "limit": "must end well"}]
         answers.say(scene=name, flags=flags, seconds=time.perf_counter() - began)
         if flags:
             return

@@ -15,7 +15,8 @@ from ...fastpath.device import OpenDevice
 from ...fastpath.streamed import Moved, StreamedTexture
 from ...reference.datatypes import F32, F64
 from ...reference.progress import Progress
-from ...reference.texture_types import Samples
+from ...reference.texture_types import Samples, Viewer
+from ...reference.volume.sampler import sample
 from .change import Lag, Still, jumps
 from .paths import Path
 from .plan import BLEND
@@ -31,7 +32,8 @@ class Flight:
     and with blend. last: per level, (N, 3) f32 what the streamed texture last said at each fixed point where the whole one
     answers with that level, NaN where it never did. lag: how long fixed points wait for their tiles. full (N, 3) f32: the whole
     texture without levels of detail. scale: the mean of that, W·m⁻². squares: in the picture, sums of squared differences by name,
-    and of the light, over `terms` values. samples: how many were checked."""
+    and of the light, over `terms` values. samples: how many were checked. twin: how far the kernel is from its plain twin at the
+    fixed points, told from the last viewer; largest difference over `scale`."""
 
     points: int
     scale: float
@@ -43,6 +45,7 @@ class Flight:
     squares: dict[str, float] = field(default_factory=dict)
     terms: int = 0
     samples: int = 0
+    twin: float = 0.0
 
     def note(self, **values: float) -> None:
         """Add one number to each named column."""
@@ -67,8 +70,18 @@ def fly(world: World, device: OpenDevice, texture: StreamedTexture, path: Path, 
         flight.note(host_ms=1e3 * seconds, device_ms=1e3 * moved.seconds)
         _fixed(flight, world, texture, fixed, position, moved)
         _seen(flight, world, texture, seen, before, position)
+    flight.twin = _apart_from_twin(world, device, path.positions[-1]) / flight.scale
     progress("flight", len(path.positions), len(path.positions))
     return flight
+
+
+def _apart_from_twin(world: World, device: OpenDevice, viewer: F64) -> float:
+    """Largest difference, W·m⁻², of the kernel to its specification at the fixed points, told from the viewer: on all sides of him."""
+    at = world.watched
+    lod, way = Viewer(viewer, world.lod_distance), world.scene.settings.sampling.reconstruction
+    plain = sample(world.texture, at.positions, at.normals, lod, viewer, way)
+    kernel = Reader(device, at, viewer).whole(world, viewer, 0.0)
+    return float(np.abs(kernel.irradiance - plain.irradiance).max())
 
 
 def _moved(texture: StreamedTexture, position: F64, device: OpenDevice) -> tuple[Moved, float]:

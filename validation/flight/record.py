@@ -19,7 +19,16 @@ from .world import World
 LEAST_POINTS = 20  # for an error by level
 DIGITS = 5
 # What `lightgauge gate` can judge: names in the scene's metrics, and in the summary.
-GATED = ("wrong_reads", "unexplained", "pop", "pop_blend", "flicker", "relrmse_streaming", "relrmse_lod")
+GATED = (
+    "wrong_reads",
+    "unexplained",
+    "twin_deviation",
+    "pop",
+    "pop_blend",
+    "flicker",
+    "relrmse_streaming",
+    "relrmse_lod",
+)
 
 
 def flight_table(world: World, plan: FlightPlan, path: Path, flight: Flight, cache_bytes: int) -> dict[str, Any]:
@@ -69,6 +78,7 @@ def _summary(flight: Flight) -> Iterator[tuple[str, dict[str, Any] | None]]:
     frames = len(f["wanted"])
     yield "wrong_reads", metric(sum(f["wrong_reads"]), None, flight.samples)
     yield "unexplained", metric(sum(f["unexplained"]), None, flight.samples)
+    yield "twin_deviation", metric(flight.twin, None, flight.points)
     for name, suffix in (
         ("streamed", ""),
         ("streamed_blend", "_blend"),

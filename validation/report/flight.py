@@ -22,6 +22,7 @@ RADII, NUMBERED, APART = (0.8, 6.0), 5, 28.0  # pixels
 FIGURES: tuple[tuple[str, str, Kind], ...] = (
     ("wrong_reads", "Tiles of another place that were read", "plain"),
     ("unexplained", "Samples unlike the whole texture, no tile missing", "plain"),
+    ("twin_deviation", "Kernel beside its plain twin, told from the last viewer, of the mean light", "plain"),
     ("pop", "Worst pop at a fixed point", "percent"),
     ("pop_blend", "Worst pop with blend", "percent"),
     ("pop_whole", "Worst pop with no tile ever missing", "percent"),
