@@ -21,12 +21,13 @@ from ..placement_sweeps import as_metric
 
 # Random grids beside the scene take minutes; no fault is caught by them alone.
 NOT_MEASURED = ("eta",)
-# As many tiles as `two-rooms` wants at once: they come and go, and none is missing.
-FLIGHT = FlightPlan("orbit", frames=60, budget=600)
+# Through `corridor`: once with room for all tiles that are wanted, once with too little. None may be read wrongly; what is missing in
+# the second explains some differences, in the first nothing does.
+FLIGHTS = (FlightPlan("orbit", frames=40, budget=500), FlightPlan("teleport", frames=12, budget=300))
 
 
 def gate_metrics(scene: Scene, device: OpenDevice, seed: int, fly: bool = False) -> dict[str, Any]:
-    """Metrics by name, as results.json holds them. fly: those of a short flight too, through a cache that is short of room.
+    """Metrics by name, as results.json holds them. fly: those of short flights too.
 
     Raises InputError as the main job does.
     """
@@ -43,7 +44,13 @@ def gate_metrics(scene: Scene, device: OpenDevice, seed: int, fly: bool = False)
     positions, voxel = probes.octree.positions, probes.octree.grid.wanted
     validity = measure_validity(g, positions, probes.rows.back_share, voxel, tolerance, seed)
     found |= {name: e for name, m in validity.metrics.items() if (e := as_metric(m)) is not None}
-    return found | (flight_metrics(flown(scene, device, seed, FLIGHT, silent)) if fly else {})
+    return found | (_flown(scene, device, seed) if fly else {})
+
+
+def _flown(scene: Scene, device: OpenDevice, seed: int) -> dict[str, Any]:
+    """The worse of both flights, metric by metric."""
+    flights = [flight_metrics(flown(scene, device, seed, plan, silent)) for plan in FLIGHTS]
+    return {name: max((f[name] for f in flights), key=lambda m: float(m["value"])) for name in flights[0]}
 
 
 def flagged(name: str, metrics: dict[str, Any], gates: Gates, fly: bool = False) -> list[Judgement]:
