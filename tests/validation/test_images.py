@@ -79,3 +79,12 @@ def test_only_pixels_with_a_surface_count() -> None:
     )
     with pytest.raises(ValueError, match="two pictures"):
         images.score(truth, ours[:-1], ONE, hit, images.Exposures(0, 1, 2))
+
+
+def test_a_pixel_that_is_not_a_number_is_as_wrong_as_can_be() -> None:
+    truth, hit = picture(), np.ones(picture().shape[:2], bool)
+    ours = truth.copy()
+    ours[20, 20] = np.nan
+    e = images.exposures(truth, hit)
+    assert images.flip_map(truth, ours, hit, e)[20, 20] == 1.0 and images.ssim_map(truth, ours, hit)[20, 20] == 0.0
+    assert np.isnan(images.relmse(truth, ours, hit))  # which a record leaves out, and says so

@@ -5,6 +5,8 @@ Every tolerance of a simulated rate is about four of its own standard errors, so
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from lightgauge.validation.statistics.blocks import block_sums, near_blocks
@@ -132,3 +134,21 @@ def test_looking_often_errs_no_more_than_promised() -> None:
     assert stop.decide(9.0, 1.0, 5) == "over" and stop.decide(-9.0, 1.0, 5) == "under"
     with pytest.raises(ValueError, match="look must be"):
         stop.decide(0.0, 1.0, 6)
+
+
+def test_a_spread_of_few_samples_does_not_decide_too_often() -> None:
+    """4 samples at the first of 4 looks, of a value on the limit: with the spread taken for known, far more decisions than allowed."""
+    rng, trials, alpha = np.random.default_rng(3), 800, 0.05
+    samples = rng.standard_normal((trials, 16))
+    stop = Sequential(0.0, 4, alpha)
+    wrong = {True: 0, False: 0}
+    for careful in wrong:
+        for row in samples:
+            for look in range(1, 5):
+                seen = row[: 4 * look]
+                se = float(seen.std(ddof=1)) / math.sqrt(len(seen))
+                if stop.decide(float(seen.mean()), se, look, len(seen) - 1 if careful else math.inf):
+                    wrong[careful] += 1
+                    break
+    assert wrong[True] / trials <= alpha + 4.0 * math.sqrt(alpha / trials)
+    assert wrong[False] / trials > 1.3 * alpha

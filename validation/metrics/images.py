@@ -81,7 +81,8 @@ def _input_shown_at(shown: float) -> float:
 
 
 def flip_map(truth: Picture, ours: Picture, hit: Bool, e: Exposures) -> F64:
-    """HDR-FLIP (H, W), 0 … 1, of two linear pictures (H, W, 3); pixels without a surface are black in both."""
+    """HDR-FLIP (H, W), 0 … 1, of two linear pictures (H, W, 3); pixels without a surface are black in both, those that are not finite
+    read 1."""
     import flip_evaluator
 
     shown = [np.where(hit[..., None], np.maximum(np.nan_to_num(p), 0.0), 0.0).astype(np.float32) for p in (truth, ours)]
@@ -89,7 +90,7 @@ def flip_map(truth: Picture, ours: Picture, hit: Bool, e: Exposures) -> F64:
         "ppd": PIXELS_PER_DEGREE, "startExposure": e.start, "stopExposure": e.stop, "numExposures": e.count, "tonemapper": "aces",
     }  # fmt: skip
     error, _, _ = flip_evaluator.evaluate(*shown, "HDR", applyMagma=False, computeMeanError=False, parameters=given)
-    return np.asarray(error[..., 0], dtype=np.float64)
+    return np.where(hit & _broken(truth, ours), 1.0, np.asarray(error[..., 0], dtype=np.float64))
 
 
 def ssim_map(truth: Picture, ours: Picture, hit: Bool) -> F64:
@@ -107,7 +108,12 @@ def ssim_map(truth: Picture, ours: Picture, hit: Bool) -> F64:
     _, similarity = similar(
         *images, data_range=high - low, gaussian_weights=True, sigma=SIGMA, use_sample_covariance=False, full=True
     )  # fmt: skip
-    return np.asarray(similarity, dtype=np.float64)
+    return np.where(hit & _broken(truth, ours), 0.0, np.asarray(similarity, dtype=np.float64))
+
+
+def _broken(truth: Picture, ours: Picture) -> Bool:
+    """Pixels (H, W) with a number that is not finite in either picture: nothing is more unlike."""
+    return np.asarray(~(np.isfinite(truth) & np.isfinite(ours)).all(axis=-1))
 
 
 def relmse(truth: Picture, ours: Picture, hit: Bool) -> float:

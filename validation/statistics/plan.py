@@ -20,6 +20,7 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtr
+from scipy.stats import t as student_t
 
 UNDECIDABLE = 10**15  # samples: what stands on its limit is decided by no number
 GRID = 161
@@ -53,11 +54,16 @@ class Sequential:
         self.limit, self.looks, self.alpha = limit, looks, alpha
         self.bounds = obrien_fleming(looks, alpha)
 
-    def decide(self, value: float, se: float, look: int) -> Literal["over", "under"] | None:
-        """What is known at look 1 … looks, from all samples so far; None: go on (or, at the last look, not shown)."""
+    def decide(self, value: float, se: float, look: int, df: float = math.inf) -> Literal["over", "under"] | None:
+        """What is known at look 1 … looks, from all samples so far; None: go on (or, at the last look, not shown). df: degrees of
+        freedom that `se` is estimated with; the bound is then Student's quantile of the same chance, as a bound on z would be
+        crossed several times too often by a spread that few samples happen to make small."""
         if not 1 <= look <= self.looks:
             raise ValueError(f"look must be 1 to {self.looks}, got {look}")
-        reach = self.bounds[look - 1] * se
+        bound = self.bounds[look - 1]
+        if math.isfinite(df):
+            bound = float(-student_t.ppf(ndtr(-bound), df)) if df >= 1.0 else math.inf
+        reach = bound * se if se > 0.0 else 0.0
         if value - self.limit > reach:
             return "over"
         return "under" if self.limit - value > reach else None

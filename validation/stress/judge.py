@@ -8,8 +8,9 @@ sweep is shown, not judged,
     undecided  not out, but z·s is larger than the room that the band gives, and v ± z·s is not within it
     in         else
 
-The room is half the width of a closed band, the distance of the edge from 0 of one that is open on a side. An undecided reading
-says how many samples it would take: s falls with the root of their number.
+The room is half the width of a closed band, the distance of the edge from 0 of one that is open on a side; for a reading beyond that
+edge only BEYOND of it, as much noise as the edge is large would else excuse anything. An undecided reading says how many samples
+it would take: s falls with the root of their number.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from .case import Band, Case, Curve, Reading, Status
 
 ALPHA = 0.001
 LEAST_SIGMAS = 3.0
+BEYOND = 0.25
 Where = Literal["in", "out", "undecided"]
 PointStatus = Literal["pass", "stated", "below noise", "fail", "shown"]
 Readings = Mapping[float, Mapping[str, Reading]]
@@ -71,7 +73,8 @@ def place(reading: Reading, band: Band, z: float) -> Where:
         return "out"
     if v > band.high + z * s or v < band.low - z * s:
         return "out"
-    if band.low + z * s <= v <= band.high - z * s or z * s <= room(band):
+    beyond = math.isinf(band.high - band.low) and not band.low <= v <= band.high
+    if band.low + z * s <= v <= band.high - z * s or z * s <= room(band) * (BEYOND if beyond else 1.0):
         return "in"
     return "undecided"
 
@@ -91,10 +94,15 @@ def samples_wanted(reading: Reading, band: Band, z: float) -> int | None:
     return samples_needed(reading.se, reading.n, goal / z) if goal > 0.0 else None
 
 
+def _bounded(band: Band | None) -> Band | None:
+    """None for a band that holds everything: where a case says nothing of a value, its reading is shown, not passed."""
+    return None if band is None or (math.isinf(band.low) and math.isinf(band.high)) else band
+
+
 def judge_point(value: float, curve: Curve, reading: Reading, z: float) -> Point:
     """One reading of a curve at one value of the parameter."""
-    good = curve.good(value) if curve.good else None
-    stated = curve.stated(value) if curve.stated else None
+    good = _bounded(curve.good(value) if curve.good else None)
+    stated = _bounded(curve.stated(value) if curve.stated else None)
     status: PointStatus = "shown"
     samples = None
     at = place(reading, good, z) if good else None

@@ -37,7 +37,8 @@ def bit_budget(most: float, seed: int) -> Mapping[str, Reading]:
     """E6: an offset, a level, a cache and a clipmap that need numbers up to `most`; 1 where that is refused. And how far off the
     tile is that a texel packed without a check names."""
     number = round(most)
-    offset = np.array([[number, seed % 200, 3]], dtype=np.int64)
+    beside = np.array([3, seed % 200, 7], dtype=np.int64)
+    offsets = [np.where(np.arange(3) == axis, number, beside)[None] for axis in range(3)]
     shape = np.array([number + 1, 2, 2], dtype=np.int64)
     slot = np.array([number], dtype=np.int64)
     texel = int(pointers(slot, np.array([1]), shape)[0])
@@ -45,8 +46,11 @@ def bit_budget(most: float, seed: int) -> Mapping[str, Reading]:
     if number < 256:
         texels = pack(slot_offset(slot, shape), min(number, 255))
         kept = abs(int(texels[0] & 255) - number) + abs(int(texels[0] >> 24) - number)
+        for offset in offsets:
+            texel_of = int(pack(offset, 1)[0])
+            kept += sum(abs((texel_of >> 8 * axis & 255) - int(offset[0, axis])) for axis in range(3))
     return {
-        "offset": _refused(lambda: pack(offset, 1)),
+        "offset": Reading(min(_refused(lambda o=o: pack(o, 1)).value for o in offsets)),  # type: ignore[misc]
         "level": _refused(lambda: pack(np.zeros((1, 3), np.int64), number)),
         "tiles": _refused(lambda: cache_shape((number + 1) ** 3)),
         "clipmap, tiles": _refused(lambda: check_bits(shape, 1)),

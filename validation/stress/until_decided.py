@@ -72,7 +72,7 @@ def _on_a_side(reading: Reading, band: Band, k: int, looks: int, alpha: float) -
         return True
     edges = [edge for edge in (band.low, band.high) if math.isfinite(edge)]
     stops = [Sequential(edge, looks, alpha) for edge in edges]
-    sides = [stop.decide(reading.value, reading.se, k) for stop in stops]
+    sides = [stop.decide(reading.value, reading.se, k, max(reading.n - 1, 1)) for stop in stops]
     beyond = any(s == ("under" if e == band.low else "over") for s, e in zip(sides, edges, strict=True))
     return beyond or all(sides)
 

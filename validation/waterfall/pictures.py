@@ -1,8 +1,9 @@
 """One signed picture per link and camera: where in the view each stage goes wrong.
 
-A pixel of link k is (Y(E_k) - Y(E_(k-1))) / (Y(R) + 0.01 mean Y(R)), as the error pictures are (report/pictures.py); the pictures of
-all links add up to the picture of the error. The truth's picture is noisy: what it divides is averaged over a window, and links that
-have paths at one end are averaged over it too, those that have a pixel's own few rays at one end over 3 × 3 pixels.
+A pixel of link k is (Y(E_k) - Y(E_(k-1))) / (Y(R) + 0.01 mean Y(R)), as the error pictures are (report/pictures.py). The truth's
+picture is noisy: what it divides is averaged over a window, and links that have paths at one end are averaged over it too, those
+that have a pixel's own few rays at one end over 3 × 3 pixels. But for these windows the pictures of all links add up to the picture
+of the error.
 """
 
 from __future__ import annotations
