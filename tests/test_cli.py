@@ -176,3 +176,18 @@ def test_help_imports_nothing_heavy() -> None:
         "sys.exit(bool({'mitsuba', 'drjit', 'numpy', 'pyopencl', 'pydantic'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
+
+
+def test_a_folder_that_takes_no_files_is_bad_input(
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """Found out only when something is written; what the system refuses elsewhere stays our own fault."""
+    for refused, code in ((tmp_path / "out" / "index.html", 2), (tmp_path / "elsewhere", 4)):
+
+        def work(*_: object, name: str = str(refused)) -> dict[str, Any]:
+            raise PermissionError(13, "Permission denied", name)
+
+        install(monkeypatch, work)
+        assert cli.main(["run", "cornell", "--out", str(tmp_path / "out")]) == code
+        said = capsys.readouterr().err
+        assert ("--out" in said and "Permission denied" in said) == (code == 2)

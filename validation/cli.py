@@ -10,6 +10,7 @@ import sys
 import traceback
 from argparse import Namespace
 from collections.abc import Sequence
+from pathlib import Path
 
 from ..reference.errors import EnvironmentLacks, InputError
 from . import verbs
@@ -56,7 +57,17 @@ def _guarded(arguments: Namespace) -> int:
     except Exception as error:
         if isinstance(error, OSError) and error.errno in _FULL_DISK:
             return _tell(f"error: no space left: {error.filename or arguments.command}", verbs.LACKING)
+        if isinstance(error, OSError) and _under_out(error, arguments):
+            return _tell(f"error: --out {arguments.out}: {error.strerror} ({error.filename})", verbs.BAD_INPUT)
         return _fault(error)
+
+
+def _under_out(error: OSError, arguments: Namespace) -> bool:
+    """Whether the system refused a file in the folder that the user named: not every folder says beforehand that it takes none."""
+    out, name = getattr(arguments, "out", None), error.filename
+    if out is None or not isinstance(name, str):
+        return False
+    return Path(name).absolute().is_relative_to(Path(out).absolute())
 
 
 def _fault(error: Exception) -> int:

@@ -35,7 +35,7 @@ class Limit(BaseModel):
     min: float | None = None
     max: float | None = None
     allow_below_noise: bool = False
-    only_with: Literal["fly", "leaks"] | None = None
+    only_with: Literal["fly", "leaks", "waterfall"] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -7,12 +7,14 @@ what its gates would have said of the error, in every place where light may gain
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from scipy.stats import beta, norm
 
-from ..gates import SIGMAS, Limit, judge_scene
+from ..gates import SIGMAS, Limit
 
 ERROR = 0.01
 LEVEL = 0.95
@@ -48,14 +50,17 @@ def with_error(entry: Mapping[str, Any], error: float, of_reference: bool) -> di
     return changed
 
 
-def noticed(scene: str, metrics: Mapping[str, Any], limits: Mapping[str, Limit], stage: str, error: float) -> bool:
-    """Whether the gates of one run notice an error of energy."""
-    moved = {
-        name: with_error(metrics[name], error, of_reference)
-        for name, of_reference in STAGES[stage].items()
-        if name in metrics and name in limits
-    }
-    return any(j.verdict == "fail" for j in judge_scene(scene, moved, {name: limits[name] for name in moved}))
+def excess(metrics: Mapping[str, Any], limits: Mapping[str, Limit], stage: str, error: float) -> float:
+    """How far beyond its limits, with the two standard errors that gates ask for, an error of energy moves the metric that it moves
+    furthest; above 0 a gate notices."""
+    found = [-math.inf]
+    for name, of_reference in STAGES[stage].items():
+        if name in metrics and name in limits:
+            moved, limit = with_error(metrics[name], error, of_reference), limits[name]
+            doubt = SIGMAS * (moved.get("se") or 0.0)
+            found += [moved["value"] + doubt - limit.max] if limit.max is not None else []
+            found += [limit.min - moved["value"] + doubt] if limit.min is not None else []
+    return max(found)
 
 
 def energy_power(runs: Sequence[Mapping[str, Any]], limits: Mapping[str, Mapping[str, Limit]]) -> list[dict[str, Any]]:
@@ -63,9 +68,20 @@ def energy_power(runs: Sequence[Mapping[str, Any]], limits: Mapping[str, Mapping
     rows = []
     for stage in STAGES:
         for error in (ERROR, -ERROR):
-            hits = sum(noticed(r["scene"], r["metrics"], limits[r["scene"]], stage, error) for r in runs)
+            found = [excess(r["metrics"], limits[r["scene"]], stage, error) for r in runs]
+            hits = sum(x > 0.0 for x in found)
             low, high = bounds(hits, len(runs)) if runs else (0.0, 1.0)
-            rows.append({"stage": stage, "error": error, "noticed": hits, "runs": len(runs), "share": [low, high]})
+            row: dict[str, Any] = {
+                "stage": stage,
+                "error": error,
+                "noticed": hits,
+                "runs": len(runs),
+                "share": [low, high],
+            }
+            if len(found) > 1 and (spread := float(np.std(found, ddof=1))) > 0.0:
+                row["sigmas"] = float(np.mean(found)) / spread
+                row["normal"] = float(norm.cdf(float(row["sigmas"])))
+            rows.append(row)
     return rows
 
 

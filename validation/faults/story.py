@@ -15,19 +15,19 @@ from ..provenance import provenance
 from ..record import write_json_atomic
 from ..record_models import JsonObject
 from .campaign import CLEAN_SEEDS, Answers, Campaign
-from .catalogue import FAULTS
+from .fault import ROOT
 from .page import write_page
-from .power import energy_power, false_alarms, margins, smallest_caught
+from .power import ERROR, energy_power, false_alarms, margins, smallest_caught
 from .text import faults_text
 
-GATES = Path("gates.toml")
+GATES = Path("gates.toml")  # of this folder, else of the source tree
 MOST_MISSED = 2 / 60  # of the faults
 MOST_FALSE = 1 / 200  # of the sound runs
 LEAST_POWER = 0.99
 
 
 def fault_report(out: Path, seed: int, quiet: bool, jobs: int | None, command: str) -> JsonObject:
-    """Seed every fault, judge by gates.toml of this folder, run the sound product over many seeds; writes `faults.json` and a page.
+    """Seed every fault, judge by gates.toml, run the sound product over many seeds; writes `faults.json` and a page.
 
     Raises InputError for a seed other than 0, which the limits of gates.toml are for, and where there is no gates.toml.
     """
@@ -35,11 +35,12 @@ def fault_report(out: Path, seed: int, quiet: bool, jobs: int | None, command: s
         raise InputError(
             f"--seed {seed}: gates.toml holds for seed 0, and --faults asks what it catches; leave --seed out"
         )
-    gates = load_gates(GATES)
+    path = GATES if GATES.exists() else ROOT / GATES
+    gates = load_gates(path)
     ensure_variant()
     about = provenance(open_device(), {}, seed, command)
     with ProgressBar("faults", quiet) as progress:
-        answers = Campaign(GATES, jobs).run(lambda n, of: progress("faults and sound runs", n, of))
+        answers = Campaign(path, jobs).run(lambda n, of: progress("faults and sound runs", n, of))
     record = fault_record(about, answers, {name: dict(limits) for name, limits in gates.root.items()})
     write_json_atomic(out / "faults.json", record)
     write_page(out, record)
@@ -49,11 +50,10 @@ def fault_report(out: Path, seed: int, quiet: bool, jobs: int | None, command: s
 def fault_record(about: JsonObject, answers: Answers, limits: dict[str, Any]) -> JsonObject:
     """`faults.json`: faults, sizes, sound runs, and what they amount to."""
     whole = [row for row in answers.faults if row["size"] is None]
-    # A fault of a size counts once, as caught if it was caught at its largest.
+    # A fault of a size counts once, at the size of the energy error that gates must notice.
     sized = smallest_caught(answers.faults)
-    top = {fault.id: max(fault.sizes) for fault in FAULTS if fault.sizes}
-    largest = [row for row in answers.faults if row["size"] is not None and row["size"] == top.get(row["id"])]
-    counted = [*whole, *largest]
+    of_size = [row for row in answers.faults if row["size"] == ERROR]
+    counted = [*whole, *of_size]
     many = [run for run in answers.clean if run["scene"] in CLEAN_SEEDS]
     alarms, power = false_alarms(many), energy_power([r for r in many if r["metrics"]], limits)
     thin = margins([run for run in answers.clean if run["seed"] == 0], limits)
@@ -83,7 +83,7 @@ def fault_record(about: JsonObject, answers: Answers, limits: dict[str, Any]) ->
         "first_seed": others,
         "margins": thin,
         "power": power,
-        "gates": _gates(answers.faults),
+        "gates": _gates(counted),
     }
 
 

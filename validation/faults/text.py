@@ -61,7 +61,12 @@ def power_words(row: Mapping[str, Any]) -> str:
     """How surely an error of energy is noticed."""
     return (
         f"{row['error']:+.0%} of energy in {row['stage']}: noticed in {row['noticed']} of {row['runs']} sound runs "
-        f"(power at least {row['share'][0]:.3f} with {LEVEL:.0%} confidence)"
+        f"(power at least {row['share'][0]:.3f} with {LEVEL:.0%} confidence"
+        + (
+            f"; {row['sigmas']:.1f} standard deviations beyond the limit, {row['normal']:.6f} if normal)"
+            if "sigmas" in row
+            else ")"
+        )
     )
 
 
