@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lightgauge.reference.transport import accumulate, receivers, reconcile, solvers, textures
+from lightgauge.reference.transport import accumulate, receivers, reconcile, solvers
 from lightgauge.validation.stress import (
     cases_form_factors,
     cases_radiosity,
     measure_meshes,
-    measure_opening,
     measure_radiosity,
-    measure_rooms,
 )
 from lightgauge.validation.stress.case import Case
 from lightgauge.validation.stress.judge import Verdict, judge
@@ -82,24 +80,6 @@ def test_a_bounce_too_weak_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "solvers" in failing("B2", 1.0)
     assert "on" in failing("B7", 0.9)
     measure_radiosity._facet_error.cache_clear()  # what the faulty product left
-
-
-def test_pictures_of_which_a_patch_sees_four_places_are_caught(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in (("LOOKS", 1), ("LEAST_LOOKS", 1), ("PATHS", 64)):
-        monkeypatch.setattr(measure_rooms, name, value)
-    assert "albedo of patches" not in failing("B6", 2.0)
-    monkeypatch.setattr(textures, "POINTS_PER_TEXEL", 0)
-    assert "albedo of patches" in failing("B6", 2.0)
-
-
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_rows_closed_without_a_bound_run_away(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What one seed in three does where four quadrilaterals touch in a hole."""
-    for name, value in (("LOOKS", 1), ("RAYS_EACH", 1), ("CLOSED_EACH", 3)):
-        monkeypatch.setattr(measure_opening, name, value)
-    assert not failing("B8", 1e-4)
-    monkeypatch.setattr(reconcile, "RIDGE", 0.0)
-    assert failing("B8", 1e-4) >= {"least of any seed", "most of any seed, closed forms"}
 
 
 def test_a_loader_that_does_not_turn_faces_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
