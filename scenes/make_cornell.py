@@ -68,7 +68,7 @@ The measured Cornell box: five walls, two blocks, one lamp; open towards the cam
 - **Right answer**: no closed form; the path-traced truth. Known beforehand: the lamp is a direct light (`engine`), so all
   that the probes hold has been reflected at least once; the floor beside the left wall is redder and beside the right
   wall greener than in the middle; at the open front, light is lost and none comes in.
-- **Tests**: the whole chain on the field's best-known scene, its error against the L1 floor (at most 1.25 ×), reference noise under 2 %,
+- **Tests**: the whole chain on the field's best-known scene, its error against the L1 floor (at most 1.4 ×), reference noise under 2 %,
   blocks that stand oblique to the voxels.
 """
 
