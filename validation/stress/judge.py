@@ -90,7 +90,8 @@ def room(band: Band) -> float:
 def samples_wanted(reading: Reading, band: Band, z: float) -> int | None:
     """Samples with which an undecided reading could be told from the band's edge; None where it lies on an edge without room."""
     gap = min(abs(reading.value - edge) for edge in (band.low, band.high) if math.isfinite(edge))
-    goal = max(room(band), gap)
+    beyond = not band.low <= reading.value <= band.high
+    goal = max(room(band) * (BEYOND if beyond else 1.0), gap)
     return samples_needed(reading.se, reading.n, goal / z) if goal > 0.0 else None
 
 
@@ -108,7 +109,9 @@ def judge_point(value: float, curve: Curve, reading: Reading, z: float) -> Point
     at = place(reading, good, z) if good else None
     if good and at == "in":
         status = "pass"
-    elif good and at == "undecided":
+    elif (
+        at == "undecided" and good and not (stated and place(reading, stated, z) == "in")
+    ):  # either way it is as the case says
         status, samples = "below noise", samples_wanted(reading, good, z)
     elif stated:
         status, samples = _stated(reading, stated, z, shown_only=good is None)
