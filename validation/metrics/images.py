@@ -21,8 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...reference.datatypes import F64, Bool
+from ...reference.reconstruction import LUMINANCE
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 PIXELS_PER_DEGREE = 67.0  # FLIP's default: a 0.7 m wide 4K display at 0.7 m
 BRIGHT, MIDDLE = 99.5, 50.0  # percentiles of lit pixels that the shortest and the longest exposure are chosen for
 SHOWN_AT = 0.85  # of display white, after the tone curve (Andersson et al. 2021, section 3)
