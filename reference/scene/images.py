@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import OpenEXR  # type: ignore[import-not-found, unused-ignore]
 from PIL import Image, UnidentifiedImageError
+from scipy import sparse
 
 from ..datatypes import F32, F64
 from ..errors import InputError
@@ -20,6 +21,7 @@ from .paths import check_file
 MAX_PIXELS = 1 << 25
 MAX_TEXTURE_SIDE = 2048
 MAX_SKY = (512, 1024)
+STRIP = 256  # columns
 PILLOW_FORMATS = ("PNG", "JPEG", "BMP", "TGA")
 
 
@@ -39,28 +41,35 @@ EIGHT_BIT = (np.arange(256) / 255.0).astype(np.float32)
 EIGHT_BIT_SRGB = srgb_to_linear(np.arange(256) / 255.0).astype(np.float32)
 
 
-def _resize_axis(image: F64, size: int, axis: int) -> F64:
-    moved = np.moveaxis(image, axis, 0)
-    if len(moved) % size == 0:
-        return np.moveaxis(moved.reshape(size, -1, *moved.shape[1:]).mean(axis=1), 0, axis)
-    total = np.concatenate([np.zeros_like(moved[:1]), np.cumsum(moved, axis=0)])
-    edges = np.linspace(0.0, len(moved), size + 1)
-    low = np.minimum(edges.astype(np.int64), len(moved) - 1)
-    part = (edges - low).reshape(-1, *([1] * (moved.ndim - 1)))
-    at_edges = total[low] * (1.0 - part) + total[low + 1] * part
-    return np.moveaxis(np.diff(at_edges, axis=0) * (size / len(moved)), 0, axis)
+def _area_weights(length: int, size: int) -> sparse.csr_array:
+    """(size, length) share of each old pixel in each new one; rows sum to 1."""
+    edges = np.linspace(0.0, length, size + 1)
+    first, last = edges[:-1].astype(np.int64), np.minimum(np.ceil(edges[1:]).astype(np.int64), length)
+    counts = last - first
+    rows = np.repeat(np.arange(size), counts)
+    columns = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts) + first[rows]
+    overlap = np.minimum(columns + 1.0, edges[rows + 1]) - np.maximum(columns, edges[rows])
+    return sparse.csr_array((overlap * (size / length), (rows, columns)), (size, length))
+
+
+def _fewer_rows(image: F32, size: int) -> F32:
+    """Rows averaged by area to `size`, a strip of columns at a time: in float64 a whole picture would take gigabytes."""
+    weights = _area_weights(len(image), size)
+    out = np.empty((size, *image.shape[1:]), np.float32)
+    for start in range(0, image.shape[1], STRIP):
+        strip = image[:, start : start + STRIP]
+        out[:, start : start + STRIP] = (weights @ strip.reshape(len(strip), -1)).reshape(size, *strip.shape[1:])
+    return out
 
 
 def shrink(image: F32, height: int, width: int) -> F32:
     """Area average to at most height × width; exact for any ratio, so the mean is kept."""
     if image.shape[0] <= height and image.shape[1] <= width:
         return image
-    out = image.astype(np.float64)
-    if out.shape[0] > height:
-        out = _resize_axis(out, height, 0)
+    out = _fewer_rows(image, height) if image.shape[0] > height else image
     if out.shape[1] > width:
-        out = _resize_axis(out, width, 1)
-    return out.astype(np.float32)
+        out = np.ascontiguousarray(np.swapaxes(_fewer_rows(np.swapaxes(out, 0, 1), width), 0, 1))
+    return out
 
 
 def shrunk(picture: Picture) -> Picture:
