@@ -20,6 +20,7 @@ import numpy as np
 
 from ..config import TruthSettings
 from ..datatypes import F64, Scene
+from ..device_arrays import to_f32
 from ..directions import sobol
 from ..progress import Progress
 from ..visibility import LIFT
@@ -151,9 +152,9 @@ def _trace(t: TruthScene, points: Points, depth: int, each: int, batches: int, s
     sampler.seed(int(rng.integers(1 << 31)), lanes)
     lane = dr.arange(mi.UInt32, lanes)
     point, s = lane // (batches * each), lane % each
-    normal = dr.gather(mi.Vector3f, mi.Float(points.normals.astype(np.float32).ravel()), point)
-    local = ((points.positions - t.centre) / t.scale).astype(np.float32)
-    origin = dr.gather(mi.Point3f, mi.Float(local.ravel()), point) + normal * (LIFT * HALF_EXTENT)
+    normal = dr.gather(mi.Vector3f, to_f32(points.normals), point)
+    local = (points.positions - t.centre) / t.scale
+    origin = dr.gather(mi.Point3f, to_f32(local), point) + normal * (LIFT * HALF_EXTENT)
     xi = _stratified(each, lane // each, s, n * batches, rng)
     cosine_direction = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(xi))
     if l1:
@@ -176,8 +177,8 @@ def _stratified(each: int, group: Any, s: Any, groups: int, rng: np.random.Gener
     import drjit as dr
     import mitsuba as mi
 
-    table = mi.Float(sobol(each, 2, int(rng.integers(1 << 31))).ravel())
-    turn = mi.Float(rng.random((groups, 2), dtype=np.float32).ravel())
+    table = to_f32(sobol(each, 2, int(rng.integers(1 << 31))))
+    turn = to_f32(rng.random((groups, 2), dtype=np.float32))
     xi = dr.gather(mi.Point2f, table, s) + dr.gather(mi.Point2f, turn, group)
     return dr.minimum(xi - dr.floor(xi), 1.0 - 2.0**-24)
 
