@@ -21,6 +21,9 @@
 #ifndef LANES
 #define LANES 1
 #endif
+#ifndef BATCH
+#define BATCH 1 /* groups of LANES samples that a work item takes */
+#endif
 typedef struct {
     Texel light;
     Texel band2;
@@ -109,7 +112,7 @@ INLINE float3 irradiance_of(Found found, float scale, float3 n) {
 #if LANES == 8 && defined(__clang__) && defined(__has_builtin)
 #if __has_builtin(__builtin_convertvector)
 #define SIDE_BY_SIDE
-#include "lanes.clh"
+#include "groups.clh"
 #endif
 #endif
 
@@ -158,19 +161,25 @@ INLINE void one(SAMPLED, const Grid *grid, global const uint *restrict indirecti
 #endif
 }
 
-/* LANES samples per work item, `count` in all. */
+/* LANES samples per work item, BATCH times as many side by side; `count` in all. */
 kernel void sample(SAMPLED, global const uint *restrict indirection, global const int4 *restrict lods, Grid grid,
                    OWN_LODS_PARAMETER global const float *restrict positions, global const float *restrict normals,
                    OUTPUTS, int count OWNERS_PARAMETER) {
-    const size_t first = get_global_id(0) * LANES;
-    if (first >= (size_t)count) return;
-    const int here = first + LANES <= (size_t)count ? LANES : (int)((size_t)count - first);
-    int left = (1 << here) - 1;
+    const size_t begin = get_global_id(0) * (LANES * BATCH);
+    if (begin >= (size_t)count) return;
+    const int here = begin + LANES * BATCH <= (size_t)count ? LANES * BATCH : (int)((size_t)count - begin);
 #ifdef SIDE_BY_SIDE
-    if (here == LANES)
-        left = eight(SAMPLED_ARGS, &grid, indirection, lods, OWN_LODS positions, normals, first, irradiance, levels, weights WRONG_ARGS);
+    Eight groups[BATCH];
+    const int whole = here / LANES;
+    sample_groups(CACHE_ARGS, groups, whole, &grid, indirection, lods, OWN_LODS positions, normals, begin, count > CACHED, irradiance,
+                  levels, weights WRONG_ARGS);
+    if (here % LANES) groups[whole].lanes = (1 << here % LANES) - 1;
+    for (int i = 0; i < here; i += LANES)
+        for (int left = groups[i / LANES].lanes; left; left &= left - 1)
+            one(SAMPLED_ARGS, &grid, indirection, lods, OWN_LODS positions, normals, begin + i + __builtin_ctz(left), irradiance, levels,
+                weights WRONG_ARGS);
+#else
+    for (int i = 0; i < here; ++i)
+        one(SAMPLED_ARGS, &grid, indirection, lods, OWN_LODS positions, normals, begin + i, irradiance, levels, weights WRONG_ARGS);
 #endif
-    for (int lane = 0; left; ++lane, left >>= 1)
-        if (left & 1)
-            one(SAMPLED_ARGS, &grid, indirection, lods, OWN_LODS positions, normals, first + lane, irradiance, levels, weights WRONG_ARGS);
 }

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..reference.datatypes import F64, I64
+from ..reference.datatypes import F32, F64, I64
 from ..reference.errors import InputError
 from ..reference.texture_types import Samples, Storage, TileTable, Viewer
 from .arrays import check_triples, is_on_device
@@ -18,6 +18,7 @@ from .device import OpenDevice
 from .grid import Lattice
 from .launch import DeviceSamples, Launcher, Source
 from .layout import Layout
+from .readback import held_texels
 from .residency import Plan, Residency, check_budget
 from .tile_cache import TileCache, Tiles
 from .windows import in_voxels
@@ -103,6 +104,11 @@ class StreamedTexture:
     def resident_tiles(self) -> I64:
         """Tiles in the cache, (n,), ascending."""
         return np.sort(self._residency.resident()[0])
+
+    def resident_texels(self) -> tuple[I64, F32]:
+        """Tiles in the cache, (n,), ascending, and the texels (n, 27, 13 or 28) that it holds of them: a copy, for checks."""
+        tiles = self.resident_tiles()
+        return tiles, held_texels(self._device, self._cache, self._residency.slot_of[tiles])
 
     def relight(self, light: Any) -> None:
         """New light for all tiles: radiance SH (P, 4 or 9, 3) f32 of all P probes of the world, as `TileCache.relight` takes it.

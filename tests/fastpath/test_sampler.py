@@ -368,6 +368,27 @@ def test_a_sample_does_not_depend_on_its_neighbours(
     assert reconstruction == "linear" or not (alone.irradiance < 0.0).any()
 
 
+def test_numbers_of_samples(device: OpenDevice, texture: VirtualTexture) -> None:
+    """Part of a group, of a work item's batch, and so many that results go past the caches: always the bits of the same samples."""
+    many, batch = (1 << 18) + 77, 8 * launch.BATCH
+    rng = np.random.default_rng(43)
+    p = texture.origin + np.array([5.0, 5.0, 5.0]) + np.cumsum(rng.normal(scale=0.02, size=(many, 3)), axis=0) % 6.0
+    n = random_units(many, 44).astype(np.float32)
+    sampler = Sampler(device, texture, "half", "packed")
+    whole = sampler(p, n)
+    for count in (1, 7, 8, 9, batch - 1, batch, batch + 1, 2 * batch + 13):
+        for begin in (0, many - count):
+            part = sampler(p[begin : begin + count], n[begin : begin + count])
+            for got, want in zip(
+                (part.irradiance, part.level, part.weight), (whole.irradiance, whole.level, whole.weight), strict=True
+            ):
+                np.testing.assert_array_equal(got, want[begin : begin + count])
+    rest = sampler(p[batch // 2 : -500], n[batch // 2 : -500])  # under the limit, and other groups of eight
+    assert len(rest.level) < 1 << 18
+    np.testing.assert_array_equal(rest.irradiance, whole.irradiance[batch // 2 : -500])
+    assert len(np.unique(whole.level)) > 2
+
+
 def test_results_may_be_written_over(device: OpenDevice, texture: VirtualTexture) -> None:
     rng = np.random.default_rng(51)
     sampler = Sampler(device, texture, "half", "packed")

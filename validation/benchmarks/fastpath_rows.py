@@ -2,15 +2,16 @@
 
     ratio = time of the peer / time of ours, repeat by repeat      Msamples/s = samples / device time / 10^6
 
-Kernels go by device time and by the wall clock: against kernels by device time, against SciPy and Dr.Jit by the wall clock for both,
-launch and waiting included. All data lie where each likes them; nothing is transferred.
+Against kernels by device time; against SciPy and Dr.Jit by the wall clock for both, launch and waiting included, each after a rest and
+a call that is not counted: threads that still spin from the task before slow none, and none has gone to sleep. All data lie where
+each likes them; nothing is transferred, and results go to memory that was touched before.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ DRJIT: dict[str, tuple[tuple[int, ...], bool]] = {
     "drjit_13": ((13,), False), "drjit_16": ((16,), False), "drjit_rgba": ((4, 4, 4, 1), False), "drjit_fused": ((16,), True),
 }  # fmt: skip
 STREAMED_BYTES = 44  # position, normal, irradiance, level, weight
+OURS = "packed"
 TALK: tuple[Storage, Layout] = ("half8", "split")
 FORMATS: dict[str, tuple[Storage, Layout]] = {
     "packed": ("half", "packed"), "split": ("half16", "split"), "image": ("half8", "images"), "float32": ("float32", "packed"),
@@ -49,24 +51,16 @@ NAMES = (
 BYTES = ("bytes_per_texel_talk", "bytes_per_tile_talk", "bytes_per_texel_packed", "bytes_per_tile_packed")
 
 
-@dataclass(frozen=True, eq=False)
-class Kernels:
-    """Launches to be timed by the device's own clock; `wall`: what each repeat of a task took by ours, by the task's name."""
+def device_time(launch: Callable[[], Any]) -> Task:
+    """Seconds on the device, by its own clock, of the event that `launch` gives."""
 
-    wall: dict[str, list[float]] = field(default_factory=dict)
+    def work(repeat: int) -> float:
+        del repeat
+        event = launch()
+        event.wait()
+        return float(event.profile.end - event.profile.start) * 1e-9
 
-    def task(self, name: str, launch: Callable[[], Any]) -> Task:
-        """Seconds on the device of the event that `launch` gives."""
-
-        def work(repeat: int) -> float:
-            begin = time.perf_counter()
-            event = launch()
-            event.wait()
-            if repeat >= 0:
-                self.wall.setdefault(name, []).append(time.perf_counter() - begin)
-            return float(event.profile.end - event.profile.start) * 1e-9
-
-        return work
+    return work
 
 
 def sampling(
@@ -95,8 +89,8 @@ def launches(device: OpenDevice, texture: VirtualTexture) -> dict[str, Callable[
 def peers(texture: VirtualTexture, positions: F32, normals: F32) -> dict[str, Callable[[], Any]]:
     """What is timed by the wall clock, by name."""
     dense, part = dense_grid(texture), slice(None, None, SCIPY_SHARE)
-    made: dict[str, Callable[[], Any]] = {"scipy": map_coordinates(texture, dense, positions[part])}
-    return made | {k: drjit_texture(texture, dense, positions, normals, *v) for k, v in DRJIT.items()}
+    made = {k: drjit_texture(texture, dense, positions, normals, *v) for k, v in DRJIT.items()}
+    return made | {"scipy": map_coordinates(texture, dense, positions[part])}
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +111,12 @@ class Timed:
 
 
 def settled(task: Task) -> Task:
-    """The task with a rest before and after it, not counted: thread pools go on spinning for a while, on the next one's cores."""
+    """The task with a rest before and after it, not counted: thread pools go on spinning for a while, on the next one's cores. Nor is a
+    first call, which wakes its own."""
 
     def work(repeat: int) -> float:
         time.sleep(REST_S)
+        task(repeat)
         taken = task(repeat)
         time.sleep(REST_S)
         return taken
@@ -134,16 +130,15 @@ Launches = dict[str, Callable[[DeviceView], Any]]
 def measured(
     stage: str, kernels: Launches, at: DeviceView, others: dict[str, Callable[[], Any]], progress: Progress
 ) -> Timed:
-    """All of them in turn, REPEATS times."""
-    clock = Kernels()
+    """All of them in turn, REPEATS times; by the wall clock the others, and ours beside them."""
 
     def launched(launch: Callable[[DeviceView], Any]) -> Callable[[], Any]:
         return lambda: launch(at)
 
-    tasks = {name: clock.task(name, launched(launch)) for name, launch in kernels.items()}
-    found = interleaved(tasks | {k: settled(timed(v)) for k, v in others.items()}, REPEATS, progress, stage)
-    wall = {k: np.array(v) for k, v in clock.wall.items()} | {k: found[k] for k in others}
-    return Timed(found, wall, len(at.positions))
+    tasks = {name: device_time(launched(launch)) for name, launch in kernels.items()}
+    walls = {OURS: lambda: kernels[OURS](at).wait()} | others if others else {}
+    found = interleaved(tasks | {f"{k}, wall": settled(timed(v)) for k, v in walls.items()}, REPEATS, progress, stage)
+    return Timed({k: found[k] for k in kernels}, {k: found[f"{k}, wall"] for k in walls}, len(at.positions))
 
 
 def rates(wanted: Wanted, progress: Progress) -> Iterator[Row]:
@@ -157,7 +152,7 @@ def rates(wanted: Wanted, progress: Progress) -> Iterator[Row]:
     coherent = measured("coherent", kernels, on_device(device, *seen), others, progress)
     spread = measured("random", kernels, on_device(device, *anywhere), {}, progress)
     where = f"{WIDTH}×{HEIGHT}, {world.layout.tiles} tiles of {texture.level} levels, {device.info.name}"
-    yield from _against_kernels(coherent, spread, "packed", where)
+    yield from _against_kernels(coherent, spread, OURS, where)
     if others:
         yield from _against_wall(coherent, where)
     yield from _floor(device, coherent, where)
@@ -184,7 +179,7 @@ def _against_kernels(coherent: Timed, spread: Timed, ours: str, where: str) -> I
 
 
 def _against_wall(coherent: Timed, where: str) -> Iterator[Row]:
-    ours = coherent.wall["packed"]
+    ours = coherent.wall[OURS]
     note = f"{where}; wall clock; SciPy: order 1, 13 channels of a dense grid, every {SCIPY_SHARE}th pixel, on one core as it is made"
     share = -(-coherent.samples // SCIPY_SHARE) / coherent.samples
     ratio = coherent.wall["scipy"] / share / ours
