@@ -92,7 +92,7 @@ def launch_batch(
 
 def finish_batch(t: Traced) -> Batch:
     """Sort and sum a traced batch, rows shared out between threads: NumPy sorts without the interpreter's lock."""
-    keys = np.array(t.keys).reshape(len(t.rows), t.rays)
+    keys = np.array(t.keys, copy=False).reshape(len(t.rows), t.rays)  # sorted where they lie: nobody else reads them
     step = max(1, RAYS_PER_PART // t.rays)
     parts = [keys[i : i + step] for i in range(0, len(keys), step)]
     with ThreadPoolExecutor(THREADS) as pool:
@@ -112,29 +112,26 @@ def _runs(t: Traced, keys: npt.NDArray[np.unsignedinteger]) -> tuple[I64, I32, F
     s² of a sum of M replicate counts x_r: M/(M-1) (Σ x_r² - (Σ x_r)²/M), exact in integers.
     """
     keys.sort(axis=1)
-    column = keys >> np.asarray(t.rays.bit_length() - 1, keys.dtype)
-    new = _changes(column)
-    starts = np.flatnonzero(new)
-    lengths, columns = np.count_nonzero(new, axis=1), column.ravel()[starts].astype(np.int32)
+    flat, unsigned, m = keys.ravel(), keys.dtype.type, t.replicates
+    # Bits in which a key differs from the one before it: from those of the replicate up, another part of a run begins.
+    part = t.rays // m if t.directions is None else t.rays
+    differs = np.empty_like(flat)
+    np.bitwise_xor(flat[1:], flat[:-1], out=differs[1:])
+    differs[:: t.rays] = np.iinfo(keys.dtype).max
+    part_starts = np.flatnonzero(differs >= unsigned(part))
+    first = np.flatnonzero(differs[part_starts] >= unsigned(t.rays))  # parts with which a run begins
+    starts = part_starts[first]
+    lengths = np.diff(np.searchsorted(starts, np.arange(0, keys.size + 1, t.rays)))
+    columns = (flat[starts] >> unsigned(t.rays.bit_length() - 1)).astype(np.int32)
     if t.directions is not None:
         return lengths, columns, np.zeros(0, np.float32), np.zeros(0, np.float32), starts
-    m = t.replicates
-    part_starts = np.flatnonzero(_changes(keys >> np.asarray((t.rays // m).bit_length() - 1, keys.dtype)))
     upto = np.cumsum(np.diff(part_starts, append=keys.size) ** 2)
-    last = np.append(np.flatnonzero(new.ravel()[part_starts])[1:], len(upto)) - 1
-    squares = np.diff(upto[last], prepend=0)
+    squares = np.diff(upto[np.append(first[1:], len(upto)) - 1], prepend=0)
     counts = np.diff(starts, append=keys.size)
     spread = (m * squares - counts * counts).astype(np.float32)
     scale = np.float32(t.weight / t.rays)
     se = np.sqrt(spread) * np.float32(scale / np.sqrt(m - 1.0))
     return lengths, columns, counts.astype(np.float32) * scale, se, starts
-
-
-def _changes(values: npt.NDArray[np.unsignedinteger]) -> npt.NDArray[np.bool_]:
-    """Where a row's value is another than the one before it; true at the start of rows."""
-    new = np.ones(values.shape, dtype=np.bool_)
-    np.not_equal(values[:, 1:], values[:, :-1], out=new[:, 1:])
-    return new
 
 
 def _sum_runs(t: Traced, starts: I64, keys: npt.NDArray[np.unsignedinteger]) -> tuple[F32, F32]:

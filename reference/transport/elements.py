@@ -13,6 +13,7 @@ from ..datatypes import F64, I32, I64
 from ..visibility import Geometry
 
 MAX_CUTS = 512
+CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 TIE = 1e-9  # an edge of just so many sizes, to within rounding, is cut so often at any scale
 
 
@@ -51,3 +52,11 @@ def points_in_elements(cuts: I32, first: I64, triangle: I32, element: I64, xy: n
     i, j, upper = _cell(k, element - first[triangle])
     shift = np.where((upper == 1)[:, None], 1.0 - inside, inside)
     return np.asarray((np.stack([i, j], axis=1) + shift) / k[:, None])
+
+
+def corners_of_elements(cuts: I32, first: I64, triangle: I32, element: I64) -> F64:
+    """Barycentric weights (N, 3, 2) of the corners of elements (N,), as `points_in_elements` gives them one by one."""
+    k = cuts[triangle].astype(np.float64)
+    i, j, upper = _cell(k, element - first[triangle])
+    corners = np.where((upper == 1)[:, None, None], 1.0 - CORNERS, CORNERS)
+    return np.asarray((np.stack([i, j], axis=1)[:, None] + corners) / k[:, None, None])

@@ -14,6 +14,7 @@ import numpy as np
 from ..datatypes import F64, I64, U32
 from ..progress import Progress
 from ..visibility import Geometry
+from .closed_forms.cell_groups import group_codes
 from .closed_forms.contour_batch import pair_form_factors
 from .closed_forms.planar_cells import cell_areas, cells_and_faces, cells_of
 from .closed_forms.polygon_clip import unit_normals
@@ -31,7 +32,6 @@ PAIRS_PER_BATCH = 1 << 20
 PILOT = 16
 MOST = 1 << 16
 NEAR = 0.02  # form factor from which on rays leave by the cosine too
-GROUP = 4.0  # cells of typical size to the edge of a group
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,63 +112,27 @@ class _Exchanges:
 
 
 def _exchanges(blockers: Blockers, cells: Cells, scale: float, progress: Progress) -> _Exchanges:
-    group, outlines = _groups(cells, scale)
+    group, by_group = group_codes(blockers, cells.corners, cells.normals, scale)
     count, four = len(cells.patch), np.full(len(cells.patch), 4)
-    by_group = _group_codes(blockers, outlines)
     pairs, xs, codes = [], [], []
     step = max(1, PAIRS_PER_BATCH // max(count, 1))
     for begin in range(0, count, step):
-        i = np.arange(begin, min(begin + step, count))
-        a, b = (m.ravel() for m in np.meshgrid(i, np.arange(begin, count), indexing="ij"))
-        keep = (b > a) & (group[a] != group[b])
-        pair = np.stack([a[keep], b[keep]], axis=1)
-        code = by_group[group[pair[:, 0]], group[pair[:, 1]]]
-        pair, code = pair[code != BLOCKED], code[code != BLOCKED]
+        rows = np.arange(begin, min(begin + step, count))
+        code = by_group[group[rows][:, None], group[None, begin:]]
+        later = np.arange(begin, count) > rows[:, None]
+        places = np.flatnonzero(later & (code != BLOCKED))
+        a, b = np.divmod(places, count - begin)
+        pair, code = np.stack([a, b], axis=1) + begin, code.ravel()[places]
         x = pair_form_factors(cells.corners, four, pair)
-        pair, code, x = pair[x > 0.0], code[x > 0.0], x[x > 0.0]
+        some = np.flatnonzero(x > 0.0)
+        pair, code, x = pair[some], code[some], x[some]
         unsure = np.flatnonzero(code == MIXED)
-        code[unsure] = classify(blockers, cells.corners, four, pair[unsure], stop_early=True)
+        code[unsure] = classify(blockers, cells.corners, four, pair[unsure])
         pairs.append(pair)
         xs.append(x)
         codes.append(code)
-        progress("closed forms", int(i[-1]) + 1, count)
+        progress("closed forms", int(rows[-1]) + 1, count)
     return _Exchanges(np.concatenate(pairs), np.concatenate(xs), np.concatenate(codes))
-
-
-def _groups(cells: Cells, scale: float) -> tuple[I64, F64]:
-    """Group (E,) of each cell, coplanar and near together, and the groups' outlines (G, 4, 3), rectangles in their planes."""
-    middle = cells.corners.mean(axis=(0, 1))  # taken off: far from the origin planes would lose their digits
-    corners = cells.corners - middle
-    centre = corners.mean(axis=1)
-    height = np.einsum("ec,ec->e", cells.normals, centre)
-    edge = GROUP * float(np.median(np.linalg.norm(np.ptp(corners, axis=1), axis=1)))
-    plane = np.column_stack([np.round(cells.normals * 1e9), np.round(height / scale * 1e9)])
-    key = np.column_stack([plane, np.floor((centre - centre.min(axis=0)) / edge)])
-    _, group = np.unique(key, axis=0, return_inverse=True)
-    group = group.reshape(-1)
-    first = np.unique(group, return_index=True)[1]
-    along = corners[first, 1] - corners[first, 0]
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    normal = cells.normals[first]
-    across = np.cross(normal, along)
-    local = np.stack([np.einsum("ekc,ec->ek", corners, axis[group]) for axis in (along, across)], axis=2)
-    n = len(first)
-    low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
-    np.minimum.at(low, group, local.min(axis=1))
-    np.maximum.at(high, group, local.max(axis=1))
-    base = middle + normal * height[first][:, None]
-    ring = [(low, low), (high, low), (high, high), (low, high)]
-    return group, np.stack([base + along * u[:, :1] + across * v[:, 1:] for u, v in ring], axis=1)
-
-
-def _group_codes(blockers: Blockers, outlines: F64) -> U32:
-    """Code (G, G) of every pair of groups."""
-    n = len(outlines)
-    i, j = np.triu_indices(n, 1)
-    codes = np.full((n, n), MIXED, dtype=np.uint32)
-    found = classify(blockers, outlines, np.full(n, 4), np.stack([i, j], axis=1))
-    codes[i, j] = codes[j, i] = found
-    return codes
 
 
 def _shares(
@@ -198,12 +162,16 @@ def _shares(
 
 def _flows(p: Patches, cells: Cells, found: _Exchanges, share: tuple[F64, F64], rays: Flows) -> Flows:
     """Cells' exchanges added up over pairs of patches; the outside from rays. What no ray saw is not bent to let light in."""
-    owner = cells.patch[found.pairs]
-    key, pair = np.unique(owner.min(axis=1) * p.count + owner.max(axis=1), return_inverse=True)
-    pair = pair.reshape(-1)
+    seen = np.flatnonzero(found.code != BLOCKED)
+    owner = cells.patch[found.pairs[seen]]  # ascending in a pair, as cells are
+    key = owner[:, 0] * p.count + owner[:, 1]
+    pair = np.arange(len(key))
+    if not (np.diff(key) > 0).all():  # patches of several cells
+        key, pair = np.unique(key, return_inverse=True)
+        pair = pair.reshape(-1)
     # A bent patch sees itself: both directions of such a pair are flows from it to itself.
-    twice = np.where(owner[:, 0] == owner[:, 1], 2.0, 1.0) * found.x
-    x = np.bincount(pair, twice * share[0], len(key)).astype(np.float64)
-    spread = np.bincount(pair, (twice * share[1]) ** 2, len(key)).astype(np.float32)
+    twice = np.where(owner[:, 0] == owner[:, 1], 2.0, 1.0) * found.x[seen]
+    x = np.bincount(pair, twice * share[0][seen], len(key)).astype(np.float64)
+    spread = np.bincount(pair, (twice * share[1][seen]) ** 2, len(key)).astype(np.float32)
     lo, hi = (key // p.count).astype(np.int32), (key % p.count).astype(np.int32)
     return rays._replace(lo=lo, hi=hi, x=x, variance=np.where(x > 0.0, spread, np.float32(0.0)), spread=spread)

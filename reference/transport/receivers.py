@@ -16,12 +16,11 @@ import numpy as np
 from ..datatypes import F64, I32, I64
 from ..device_arrays import to_f32, to_u32
 from ..sh import COEFFICIENTS, Order, coefficient_count
-from ..visibility import LIFT, Geometry, points_on_triangles
-from .elements import points_in_elements
+from ..visibility import LIFT, Geometry
+from .elements import corners_of_elements
 from .patches import Patches
 
 Uniform = Callable[[int], Any]
-CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 
 
 class Receivers(Protocol):
@@ -147,9 +146,9 @@ def patch_elements(p: Patches) -> tuple[I64, F64, I64]:
 
 def element_corners(g: Geometry, cuts: I32, first: I64, triangle: I32, element: I64) -> F64:
     """Corners (N, 3, 3) m of elements (N,)."""
-    n = len(element)
-    at = [points_in_elements(cuts, first, triangle, element, np.broadcast_to(xy, (n, 2))) for xy in CORNERS]
-    return np.stack([points_on_triangles(g, triangle, uv) for uv in at], axis=1)
+    a, b, c = (g.vertices[g.faces[triangle, i]] for i in range(3))
+    uv, along, across = corners_of_elements(cuts, first, triangle, element), b - a, c - a
+    return np.stack([a + uv[:, k, :1] * along + uv[:, k, 1:] * across for k in range(3)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,17 +52,19 @@ def visible_share(g: Geometry, cells: DeviceCells, pairs: I64, near: Bool, rays:
     """
     share, se = np.zeros(len(pairs)), np.zeros(len(pairs))
     for n in np.unique(rays):
-        mine = np.flatnonzero(rays == n)
         step = max(1, RAYS_PER_BATCH // int(n))
-        for begin in range(0, len(mine), step):
-            part = mine[begin : begin + step]
-            share[part], se[part] = _batch(g, cells, pairs[part], near[part], part, int(n), seed)
+        for close in (False, True):
+            mine = np.flatnonzero((rays == n) & (near == close))
+            for begin in range(0, len(mine), step):
+                part = mine[begin : begin + step]
+                share[part], se[part] = _batch(g, cells, pairs[part], close, part, int(n), seed)
     return share, se
 
 
 def _batch(
-    g: Geometry, cells: DeviceCells, pairs: I64, near: Bool, number: I64, rays: int, seed: int
+    g: Geometry, cells: DeviceCells, pairs: I64, close: bool, number: I64, rays: int, seed: int
 ) -> tuple[F64, F64]:
+    """`visible_share` of pairs that are all near, or none."""
     import drjit as dr
     import mitsuba as mi
 
@@ -71,21 +73,12 @@ def _batch(
     pair = lane >> dr.opaque(mi.UInt32, rays.bit_length() - 1)
     ray = lane & dr.opaque(mi.UInt32, rays - 1)
     index, replicate = ray & dr.opaque(mi.UInt32, points - 1), ray >> dr.opaque(mi.UInt32, points.bit_length() - 1)
-    name, close = (dr.gather(mi.UInt32, to_u32(x), pair) for x in (number, near))
-    scramble = receiver_seeds(name, replicate, dr.opaque(mi.UInt32, seed))
+    scramble = receiver_seeds(dr.gather(mi.UInt32, to_u32(number), pair), replicate, dr.opaque(mi.UInt32, seed))
     first, second = (_cell(cells, dr.gather(mi.UInt32, to_u32(pairs[:, k]), pair)) for k in range(2))
     u = [scrambled(table, index, scramble, k) for k in range(4)]
-    (a, na), nb = (_point(first, u[0], u[1]), first.normal), second.normal
-    direction = mi.Frame3f(mi.Normal3f(na)).to_world(mi.warp.square_to_cosine_hemisphere(mi.Point2f(u[2], u[3])))
-    met, inside = _met(second, a, direction)
-    by_direction = (close == 1) & (index >= dr.opaque(mi.UInt32, points // 2))
-    between = dr.select(by_direction, met, _point(second, u[2], u[3])) - a
-    squared = dr.maximum(dr.squared_norm(between), LEAST_DISTANCE**2)
-    kernel = dr.maximum(dr.dot(na, between), 0.0) * dr.maximum(-dr.dot(nb, between), 0.0) / dr.square(squared)
-    by_area = kernel * _area(second) / dr.pi
-    kernel = dr.select(close == 1, by_area / (0.5 + 0.5 * by_area), by_area)
-    kernel = dr.select(by_direction & ~inside, 0.0, kernel)
-    distance = dr.sqrt(squared)
+    a, by_direction = _point(first, u[0], u[1]), index >= dr.opaque(mi.UInt32, points // 2)
+    between, kernel = _near_kernel(first, second, a, u, by_direction) if close else _kernel(first, second, a, u)
+    distance = dr.sqrt(_squared(between))
     shadow = mi.Ray3f(a, between / distance)
     shadow.maxt = distance * (1.0 - 1e-5)
     seen = dr.select(g.caster.ray_test(shadow, coherent=False, active=kernel > 0.0), 0.0, kernel)
@@ -95,6 +88,36 @@ def _batch(
     share = part.sum(axis=1) / total
     residual = part - share[:, None] * whole
     return share, np.sqrt((residual**2).sum(axis=1) * REPLICATES / (REPLICATES - 1.0)) / total
+
+
+def _kernel(first: _Cell, second: _Cell, a: Any, u: list[Any]) -> tuple[Any, Any]:
+    """Way from `a` to a uniform point of the second cell, and cosθ cosθ' / π r² times its area."""
+    return _by_area(first, second, _point(second, u[2], u[3]) - a)
+
+
+def _near_kernel(first: _Cell, second: _Cell, a: Any, u: list[Any], by_direction: Any) -> tuple[Any, Any]:
+    """The same where half of the rays leave by the cosine, weighted by the balance heuristic."""
+    import drjit as dr
+    import mitsuba as mi
+
+    frame = mi.Frame3f(mi.Normal3f(first.normal))
+    direction = frame.to_world(mi.warp.square_to_cosine_hemisphere(mi.Point2f(u[2], u[3])))
+    met, inside = _met(second, a, direction)
+    between, by_area = _by_area(first, second, dr.select(by_direction, met, _point(second, u[2], u[3])) - a)
+    return between, dr.select(by_direction & ~inside, 0.0, by_area / (0.5 + 0.5 * by_area))
+
+
+def _by_area(first: _Cell, second: _Cell, between: Any) -> tuple[Any, Any]:
+    import drjit as dr
+
+    cosines = dr.maximum(dr.dot(first.normal, between), 0.0) * dr.maximum(-dr.dot(second.normal, between), 0.0)
+    return between, cosines / dr.square(_squared(between)) * _area(second) / dr.pi
+
+
+def _squared(between: Any) -> Any:
+    import drjit as dr
+
+    return dr.maximum(dr.squared_norm(between), LEAST_DISTANCE**2)
 
 
 class _Cell(NamedTuple):

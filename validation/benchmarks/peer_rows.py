@@ -32,7 +32,7 @@ PACKAGE = "pyviewfactor"
 MEND = ".venv/bin/pip install -c constraints.txt -e '.[bench]'"
 NOISE = 1e-3  # a tenth of its error, and some
 REPEATS = 7
-FINE_NOISE, FINE_REPEATS = 3.5e-4, 3
+FINE_NOISE, FINE_REPEATS = 3.1e-4, 3
 AGREES = 3e-6  # rms per pair
 KINDS = ("speed_vs_pyviewfactor", "error_vs_pyviewfactor", "pyviewfactor_pairs_per_s", "hybrid_pairs_per_s",
          "pyviewfactor_rms", "hybrid_vs_pyviewfactor_rms")  # fmt: skip

@@ -17,12 +17,12 @@ from ...variant import ensure_variant
 from .contour_edges import contour_exchange
 from .lambert import gauss_square, quads_of
 from .polygon_clip import EPSILON, ROUNDINGS, mutually_visible, padded
-from .polygon_table import TINY, PolygonTable, upload
+from .polygon_table import TINY, Corners, PolygonTable, upload, upload_corners
 
 # (distance over radius from which it holds, Gauss points per edge): (d + √(d² + 1))^(-2 n) stays under 1e-9.
-TIERS = ((40.0, 3), (9.0, 4), (3.0, 6), (1.5, 10))
+TIERS = ((30.0, 3), (9.0, 4), (6.0, 5), (3.0, 6), (1.5, 10))
 NEAR = len(TIERS)
-_TIER_BITS, _SWAPPED, _CUT, _BLIND = 7, 8, 16, 32
+_TIER_BITS, _SWAPPED, _CUT, _BLIND = 7, 8, 16, 32  # NEAR fits into the tier's bits
 
 
 def pair_form_factors(polygons: F64, sizes: I64, pairs: I64) -> F64:
@@ -51,13 +51,13 @@ def pair_form_factors(polygons: F64, sizes: I64, pairs: I64) -> F64:
     return out
 
 
-def _exchange(table: PolygonTable, first: U32, second: U32, tier: I64, cut: bool) -> F64:
+def _exchange(table: Corners, first: U32, second: U32, tier: I64, cut: bool) -> F64:
     """Pairs by tier; the smaller polygon is the first."""
     if cut:
         parts = mutually_visible(table.host[first], table.host[second])
         count, width = len(first), max(parts[0].shape[1], parts[1].shape[1])
         host = np.concatenate([np.pad(p, ((0, 0), (0, width - p.shape[1]), (0, 0)), mode="edge") for p in parts[:2]])
-        table = upload(host)
+        table = upload_corners(host)
         first, second = np.arange(count, dtype=np.uint32), np.arange(count, 2 * count, dtype=np.uint32)
         seen = parts[2] > 0
     else:
@@ -110,7 +110,7 @@ def _judge(table: PolygonTable, first: U32, second: U32) -> U32:
     return np.array(code + dr.select(behind_i | behind_j, mi.UInt32(_BLIND), 0))[: len(first)]
 
 
-def _far(table: PolygonTable, emitter: U32, receiver: U32, count: int) -> F64:
+def _far(table: Corners, emitter: U32, receiver: U32, count: int) -> F64:
     """Gauss points (count² per quadrilateral) on the emitter, Lambert's formula for the receiver."""
     import drjit as dr
     import mitsuba as mi

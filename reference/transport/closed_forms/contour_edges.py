@@ -13,12 +13,12 @@ import numpy as np
 from ...datatypes import F64, U32
 from ...device_arrays import to_f64, to_lanes
 from .contour import PARALLEL_REACH, PARALLEL_SINE, TINY, tanh_sinh
-from .polygon_table import PolygonTable
+from .polygon_table import Corners
 
 EDGE_LANES = 1 << 22
 
 
-def contour_exchange(table: PolygonTable, first: U32, second: U32) -> F64:
+def contour_exchange(table: Corners, first: U32, second: U32) -> F64:
     """Contour integrals, a lane per pair of edges; edges that are not parallel go through the quadrature."""
     import drjit as dr
     import mitsuba as mi
@@ -42,7 +42,7 @@ def contour_exchange(table: PolygonTable, first: U32, second: U32) -> F64:
     return out
 
 
-def _edges(table: PolygonTable, first: Any, second: Any, lanes: Any) -> tuple[Any, ...]:
+def _edges(table: Corners, first: Any, second: Any, lanes: Any) -> tuple[Any, ...]:
     """Unit of length, ends p0, p1 of the shorter and q0, q1 of the longer edge, in that unit about the pair's middle."""
     import drjit as dr
     import mitsuba as mi

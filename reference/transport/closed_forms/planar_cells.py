@@ -26,9 +26,9 @@ def cells_of(vertices: F64, faces: I32) -> F64:
 
 def cells_and_faces(vertices: F64, faces: I32) -> tuple[F64, I64]:
     """Cells (E, 4, 3) of a mesh whose faces share vertices by number, and a face (E,) that each cell holds."""
-    edge_face, edge_place = _shared_edges(faces)
+    edge_face, edge_place = shared_edges(faces)
     quads = _quads(vertices, faces, edge_face, edge_place)
-    good = np.flatnonzero(_sound(quads))
+    good = np.flatnonzero(sound(quads))
     diagonal = np.linalg.norm(quads[:, 0] - quads[:, 2], axis=1)
     used = np.zeros(len(faces), dtype=np.bool_)
     chosen: list[int] = []
@@ -45,8 +45,10 @@ def cells_and_faces(vertices: F64, faces: I32) -> tuple[F64, I64]:
     return np.concatenate([quads[joined], triangles]), np.concatenate([edge_face[joined, 0], single])
 
 
-def _shared_edges(faces: I32) -> tuple[I64, I64]:
-    """Faces (K, 2) on both sides of edges that two faces run through in opposite directions, and the edge's place (K, 2)."""
+def shared_edges(faces: I32 | I64) -> tuple[I64, I64]:
+    """Faces (K, 2) of (F, C) on both sides of edges that two faces run through in opposite directions, and the edge's place
+    (K, 2) in each."""
+    count = faces.shape[1]
     start, end = faces.astype(np.int64).ravel(), np.roll(faces, -1, axis=1).astype(np.int64).ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
     order = np.lexsort((start, high, low))
@@ -58,7 +60,7 @@ def _shared_edges(faces: I32) -> tuple[I64, I64]:
     a, b = order[two], order[two + 1]
     opposite = start[a] != start[b]
     both = np.stack([a[opposite], b[opposite]], axis=1)
-    return both // 3, both % 3
+    return both // count, both % count
 
 
 def _quads(vertices: F64, faces: I32, edge_face: I64, edge_place: I64) -> F64:
@@ -68,8 +70,8 @@ def _quads(vertices: F64, faces: I32, edge_face: I64, edge_place: I64) -> F64:
     return np.asarray(vertices[np.stack(corners, axis=1)])
 
 
-def _sound(quads: F64) -> Bool:
-    """(K,) planar, and convex with room to spare for rounding."""
+def sound(quads: F64) -> Bool:
+    """(K,) whether quads (K, 4, 3) are planar, and convex with room to spare for rounding."""
     edges = np.roll(quads, -1, axis=1) - quads
     turns = np.cross(np.roll(edges, 1, axis=1), edges)
     normals = unit_normals(quads)

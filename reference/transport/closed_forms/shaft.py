@@ -19,6 +19,7 @@ from ...datatypes import F64, I32, I64, U32, Bool
 from ...device_arrays import to_f64, to_lanes, to_u32
 from ...variant import ensure_variant
 from .bounding_tree import build_tree
+from .joined_cells import joined_cells
 from .planar_cells import cell_areas, cells_of
 from .polygon_clip import padded, unit_normals
 from .shaft_walk import CLEAR, MIXED, NEVER, Scene, classes
@@ -49,11 +50,13 @@ class Blockers:
 
 
 def build_blockers(cells: F64) -> Blockers:
-    """Upload convex planar cells (E, 4, 3) m, as `planar_cells.cells_of` makes them. They block from both sides.
+    """Upload convex planar cells (E, 4, 3) m, as `planar_cells.cells_of` makes them, joined where that is exact. They block
+    from both sides.
 
     Raises ValueError without cells.
     """
     ensure_variant()
+    cells = joined_cells(cells)
     lower, upper = (getattr(cells, end)(axis=(0, 1)) for end in ("min", "max"))
     centre = 0.5 * (lower + upper)
     scene = large = _scene(cells - centre)
