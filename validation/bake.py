@@ -120,6 +120,6 @@ def plain_samples(baked: Baked, texture: VirtualTexture, points: Points, offset:
     return sample(kept, where, points.normals, reconstruction=baked.scene.settings.sampling.reconstruction)
 
 
-def sample_points(baked: Baked, points: Points) -> Samples:
-    """Kernel samples at receivers."""
-    return baked.sampler(lifted(baked.scene, baked.texture, points), points.normals)
+def sample_points(baked: Baked, points: Points, offset: float | None = None) -> Samples:
+    """Kernel samples at receivers, `offset` finest voxels off surfaces (the scene's own without one)."""
+    return baked.sampler(lifted(baked.scene, baked.texture, points, offset), points.normals)

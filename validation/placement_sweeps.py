@@ -18,7 +18,7 @@ from ..reference.datatypes import F64, I32, Bool
 from ..reference.texture_types import Samples, VirtualTexture
 from ..reference.truth.points import PointSet
 from ..reference.volume.levels import complete_sets, lod_of_distance
-from .bake import Baked, lifted, plain_samples
+from .bake import Baked, lifted, plain_samples, sample_points
 from .ground_truth import GroundTruth
 from .metrics.dead_edges import fallback_share
 from .metrics.error import Measured, jackknife, measure_rel_rmse, rel_rmse
@@ -104,7 +104,7 @@ def without_copies(baked: Baked) -> VirtualTexture:
 
 def _samples(baked: Baked, truth: GroundTruth, offset: float) -> dict[PointSet, Samples]:
     """Kernel samples of all sets, `offset` finest voxels off surfaces."""
-    return {n: baked.sampler(lifted(baked.scene, baked.texture, p, offset), p.normals) for n, p in truth.points.items()}
+    return {n: sample_points(baked, p, offset) for n, p in truth.points.items()}
 
 
 def _plain_samples(baked: Baked, truth: GroundTruth, texture: VirtualTexture) -> dict[PointSet, Samples]:

@@ -35,7 +35,7 @@ from .probes import Culled, Probes, lifted, trace_probes, virtual_texture
 from .surfaces import Surfaces
 
 POINTS = 16000  # of the cameras, half as many on surfaces and in volumes: where probes are read
-JUDGED = 3000  # so many of them gather light by rays of their own
+JUDGED = 3000  # so many of them gather light by rays of their own for each of two judges
 RAYS = 256  # of such a point, twice
 PER_FAMILY = 16
 UNREAD = 0.03  # of the mean of those that are read: what a probe counts for that no point happened to read
@@ -62,7 +62,7 @@ def cull_probes(
     clock = Clock()
     progress("culling", 0, 1)
     s = setting(scene, surfaces, probes, points, seed)
-    choice = choose(candidates(s, norm), s.judge, target)
+    choice = choose(candidates(s, norm), (s.judge, s.check), target)
     found = without(probes, choice.culled)
     clock.lap("culling")
     culled = Culled(
@@ -83,7 +83,8 @@ def cull_probes(
 @dataclass(frozen=True, eq=False)
 class Setting:
     """All that a choice rests on. able (R,) bool: probes with eight valid parents that nobody copies; parents (R, R): what would
-    replace them; reading (R,): what the points read of each, in the mean; cluster (C,) of the columns; judge: of replacements."""
+    replace them; reading (R,): what the points read of each, in the mean; cluster (C,) of the columns; judge: of replacements, who
+    chooses; check: another, at other points, who has no part in the choice."""
 
     surfaces: Surfaces
     probes: Probes
@@ -92,6 +93,7 @@ class Setting:
     reading: F64
     cluster: I64
     judge: Judge
+    check: Judge
 
 
 def setting(scene: Scene, surfaces: Surfaces, probes: Probes, points: Points, seed: int) -> Setting:
@@ -107,11 +109,15 @@ def setting(scene: Scene, surfaces: Surfaces, probes: Probes, points: Points, se
     cluster = cluster_columns(patches.centroid, patches.normal, SKY_BINS)
     # What no point reads seems to do no harm: so those that choose are not those that judge.
     mixed = np.random.default_rng([seed, 59]).permutation(len(points.positions))
-    judging, choosing = np.sort(mixed[:JUDGED]), np.sort(mixed[JUDGED:])
+    most = min(JUDGED, len(mixed) // 3)
+    judging, checking, choosing = (np.sort(part) for part in np.split(mixed, (most, 2 * most)))
     of_probe = np.asarray(reading[choosing].sum(axis=0)).ravel() / max(len(choosing), 1)
     of_probe += UNREAD * of_probe.sum() / max(int((of_probe > 0.0).sum()), 1)
-    judge = Judge(_stage(surfaces, probes, points.part(judging), reading[judging].tocsr(), cluster, seed + SEED))
-    return Setting(surfaces, probes, able, parents.weights, of_probe, cluster, judge)
+    judges = [
+        Judge(_stage(surfaces, probes, points.part(at), reading[at].tocsr(), cluster, seed + begin))
+        for at, begin in ((judging, SEED), (checking, 2 * SEED))
+    ]
+    return Setting(surfaces, probes, able, parents.weights, of_probe, cluster, *judges)
 
 
 def _stage(

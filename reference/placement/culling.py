@@ -7,26 +7,35 @@ that errors do not add up unseen (failure-catalogue D7). Its predicted damage is
 
 With reading weights that sum to one, Σ damage_i over the culled probes bounds the mean squared change at the points from above
 (Jensen), whatever the sum of neighbours does. The norm is one of `norms.NORMS`. Everything under a threshold is culled, coarse
-levels first; the threshold is the largest found by halving at which the judged error stays within the target.
+levels first.
+
+The threshold is the largest found by halving at which few single patches (LOOSE) raise the error by more than the target. Then
+those are mended: the probes to blame are given back (`mending`). What is left is held before a second judge, with points and rays
+of its own: it says what lightings and places that nothing was chosen by will find. Where that is too much (SPARE, LIT_SPARE),
+smaller thresholds are tried, by halving; at last what the second judge still finds is mended too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 
 from ..datatypes import F32, F64, I32, I64, Bool
-from .judge import Verdict
+from .judge import Judge, Verdict
+from .mending import given_back
 from .norms import Difference, Norm
 
 STEPS = 7
+TRIALS = 6  # halvings of what is mended and checked; the first is with all that the first judge lets through
+MENDS = 3  # rounds: the first leaves a tenth of the patches, the second a hundredth
 ROWS_PER_PART = 2048
 # Odds of going over the target that are let through. They are estimates from points and lightings that nothing is chosen by, so
 # other points and lightings find about the same.
-SPARE = 0.02  # single patches: ten in a row then stay within the target four times of five
+LOOSE = 0.04  # single patches, before they are mended
+SPARE = 0.0175  # single patches: ten in a row then stay within the target five times of six
 LIT_SPARE = 0.025  # of the random lightings: one
 
 
@@ -92,28 +101,55 @@ def replaced(c: Candidates, wanted: Bool, threshold: float = np.inf) -> tuple[sp
     return mix, culled
 
 
-def choose(c: Candidates, judge: Callable[[sparse.csr_array, float], Verdict], target: float) -> Choice:
-    """The most probes that may go. judge: verdict on a replacement G for the target."""
+def choose(c: Candidates, judges: tuple[Judge, Judge], target: float) -> Choice:
+    """The most probes that may go. judges: one to choose by, one to check the choice with."""
     able = np.flatnonzero(c.able)
     predicted = np.full(len(c.able), np.inf)
     predicted[able] = damage(c, c.parents[able], able)
     order = able[np.argsort(predicted[able], kind="stable")]
+    most = _most(c, predicted, order, judges[0], target)
     best = Choice(np.zeros(len(c.able), dtype=np.bool_), 0.0, predicted, Verdict(0.0, 0.0, 0.0, 0.0))
+    low, high = 0, 2 * most  # so that the first trial is with `most`
+    for _ in range(TRIALS):
+        middle = (low + high) // 2
+        if middle == low or low == most:
+            break
+        threshold = float(predicted[order[middle - 1]])
+        culled = mended(c, predicted <= threshold, threshold, judges[0], target)
+        verdict = judges[1](replaced(c, culled)[0], target)
+        if verdict.over <= SPARE and verdict.lit_over <= LIT_SPARE:
+            low, best = middle, Choice(culled, threshold, predicted, verdict)
+        else:
+            high = middle
+    return dataclasses.replace(best, culled=mended(c, best.culled, np.inf, judges[1], target))
+
+
+def _most(c: Candidates, predicted: F64, order: I64, judge: Judge, target: float) -> int:
+    """How many of `order` may be tried before they are mended."""
     low, high = 0, len(order) + 1
     for _ in range(STEPS):
         middle = (low + high) // 2
         if middle in (low, high):
             break
         threshold = float(predicted[order[middle - 1]])
-        wanted = np.zeros(len(c.able), dtype=np.bool_)
-        wanted[order[:middle]] = True
-        mix, culled = replaced(c, wanted, threshold)
+        mix, _ = replaced(c, predicted <= threshold, threshold)
         verdict = judge(mix, target)
-        if verdict.over <= SPARE and verdict.lit_over <= LIT_SPARE:
-            low, best = middle, Choice(culled, threshold, predicted, verdict)
+        if verdict.over <= LOOSE and verdict.lit_over <= LIT_SPARE:
+            low = middle
         else:
             high = middle
-    return best
+    return low
+
+
+def mended(c: Candidates, wanted: Bool, threshold: float, judge: Judge, target: float) -> Bool:
+    """Which of `wanted` (R,) bool go, when those are given back that `judge` blames. threshold: see `replaced`."""
+    mix, culled = replaced(c, wanted, threshold)
+    for _ in range(MENDS):
+        blame = judge.blame(mix, target)
+        if not len(blame.excess):
+            break
+        mix, culled = replaced(c, culled & ~given_back(blame, culled))
+    return culled
 
 
 def interleaved(values: F32 | F64, indptr: I64, columns: I64, count: int) -> sparse.csr_array:

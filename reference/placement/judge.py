@@ -8,6 +8,9 @@ so that the reference's noise cancels. Culling replaces F by G F (`culling.repla
     Δe² = mean over points of D (2 E - R_a - R_b + D),   raise = √(1 + Δe²/e²) - 1
 
 Single patches are columns of F; what 64 of their rays say about e² is shared with their cluster.
+
+D is a sum over culled probes, and so is Δe²: probe i's part in Δe²_j is the mean over points of D_ij (2 E - R_a - R_b + D)_j. Where a
+patch j gets worse than asked, `blame` says whose parts these are.
 """
 
 from __future__ import annotations
@@ -34,6 +37,15 @@ class Verdict:
     lit_over: float
     worst: float
     own: float
+
+
+@dataclass(frozen=True, eq=False)
+class Blame:
+    """Of J single patches. excess (J,): of Δe² over what is allowed, as a share of that. parts (R, J) csc: of each probe in Δe², in the
+    same unit."""
+
+    excess: F64
+    parts: sparse.csc_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +96,7 @@ class Judge:
 
     def __call__(self, replace: sparse.csr_array, target: float) -> Verdict:
         """What G = `replace` (R, R) does."""
-        change = (replace - sparse.eye_array(self._r, format="csr")).astype(np.float32).tocsr()
-        moved = sparse.hstack([read @ change for read in self._read], format="csr")
+        moved = self._moved(self._less_itself(replace))
         raises = raised(_change((moved @ self._factors).tocsr(), self._error) / self.square)
         lit = np.asarray(moved @ self._lit)
         lit_change = np.mean(lit * (2.0 * self._lit_error + lit), axis=0, dtype=np.float64)
@@ -95,6 +106,29 @@ class Judge:
         random = lit_raises[:-1]
         lit_over = float((random > target).mean()) if len(random) else 0.0
         return Verdict(over, lit_over, float(random.max(initial=0.0)), float(lit_raises[-1]))
+
+    def blame(self, replace: sparse.csr_array, target: float) -> Blame:
+        """Single patches under which G = `replace` (R, R) raises the error by more than `target`, and who is to blame."""
+        change = self._less_itself(replace)
+        moved = (self._moved(change) @ self._factors).tocsr()
+        growth = _change(moved, self._error) / (((1.0 + target) ** 2 - 1.0) * self.square)
+        over = np.flatnonzero(growth > 1.0)
+        here = moved[:, over].toarray()
+        terms = (2.0 * self._error[:, over] + here) / (self._n * ((1.0 + target) ** 2 - 1.0) * self.square[over])
+        factors = self._factors[:, over].tocsr()
+        parts = sparse.csr_array((self._r, len(over)))
+        for k, read in enumerate(self._read):
+            of_probes = (change @ factors[k * self._r : (k + 1) * self._r]).tocsr()
+            parts = parts + of_probes.multiply(read.T @ terms)
+        return Blame(growth[over] - 1.0, sparse.csc_array(parts))
+
+    def _less_itself(self, replace: sparse.csr_array) -> sparse.csr_array:
+        """G - I, (R, R) f32."""
+        return (replace - sparse.eye_array(self._r, format="csr")).astype(np.float32).tocsr()
+
+    def _moved(self, change: sparse.csr_array) -> sparse.csr_array:
+        """W (G - I), (N, K R)."""
+        return sparse.hstack([read @ change for read in self._read], format="csr")
 
 
 def stacked(values: F32, indptr: I64, columns: I32, count: int) -> sparse.csr_array:

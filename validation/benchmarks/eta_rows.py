@@ -1,14 +1,17 @@
 """Placement efficiency η: how many more probes a uniform grid needs for the error of the scene's own placement.
 
-Both at SHIFTS random placements of their lattice, the grid at the best of its offsets. `eta_house` and `eta_valley` are at
-equal relRMSE over the cameras, `eta_cornell` at equal placement-only error, because there the floor of L1 is most of the
-rest. `_inside` and `_outside`: each camera of house for itself. `_placement`: at equal placement-only error. `_valid`, `_bytes`,
-`_update`: by valid probes, by bytes of form factors and texture, by the time of an update. Near the floor of L1 the grids' curve is
-flat and η by total error says little more than that grids do not get there; the placement-only rows do not suffer from that.
+Both at SHIFTS random placements of their lattice and at the best of the same sample offsets, chosen by the error that is compared; the
+spread of a row holds the noise of the points and that of both placements. `eta_house` and `eta_valley` are at equal relRMSE over the
+cameras, `eta_cornell` at equal placement-only error, because there the floor of L1 is most of the rest. `_inside` and `_outside`: each
+camera of house for itself. `_placement`: at equal placement-only error. `_valid`, `_bytes`, `_update`: by valid probes, bytes of form
+factors and texture, by the time of an update. Near the floor of L1 the grids' curve is flat and η by total error says little more than
+that grids do not get there; the placement-only rows do not suffer from that.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Iterator, Mapping
 from functools import partial
 
@@ -16,7 +19,7 @@ from ...fastpath.device import open_device
 from ...reference import pipeline
 from ...reference.progress import Progress
 from ...reference.variant import ensure_variant
-from ..efficiency.curve import Cost, GridRow, Key, bracketing_curve
+from ..efficiency.curve import OFFSETS, Cost, GridRow, Key, bracketing_curve
 from ..efficiency.eta import eta
 from ..efficiency.judged import judges
 from ..efficiency.placements import Reached, random_shifts, reached
@@ -58,7 +61,7 @@ def efficiency(scene_name: str, wanted: Wanted, progress: Progress) -> Iterator[
     light = pipeline.light_patches(scene, surfaces, SEED, progress)
     asked = list(judges(scene, truth, ("camera", "surface")))
     shifts = random_shifts(scene, surfaces, SHIFTS, SEED)
-    ours = reached(scene, device, (surfaces, light), truth, asked, shifts, SEED, progress)
+    ours = reached(scene, device, (surfaces, light), truth, asked, shifts, SEED, progress, offsets=OFFSETS)
     wanted_errors = {key: ours.error[key].value for key in JUDGED[scene_name].values()}
     curve = bracketing_curve(
         scene, surfaces, light, truth, asked, wanted_errors, ours.cost["probes"], STEP, MOST, SHIFTS, SEED, progress
@@ -69,10 +72,12 @@ def efficiency(scene_name: str, wanted: Wanted, progress: Progress) -> Iterator[
 
 
 def _row(name: str, curve: list[GridRow], ours: Reached, key: Key, cost: Cost) -> Row:
-    found = eta(curve, key, cost, ours.cost[cost], ours.error[key])
     error = ours.error[key]
+    uncertain = dataclasses.replace(error, se=math.hypot(error.se, ours.spread(key)))
+    found = eta(curve, key, cost, ours.cost[cost], uncertain)
     note = (
-        f"{found.bound + '; ' if found.bound else ''}{key[0]} points, {key[1]} error {error.value:.2%} ± {error.se:.2%}; "
+        f"{found.bound + '; ' if found.bound else ''}{key[0]} points, {key[1]} error {error.value:.2%} ± {error.se:.2%} by its points, "
+        f"± {ours.spread(key):.2%} by its placements, samples {ours.offset[key]} voxels off; "
         f"{ours.cost['probes']:.0f} probes, {ours.cost['valid_probes']:.0f} valid; grids "
         + ", ".join(f"{r.voxel:.3g} m {r.cost['probes']:.0f} {r.error[key]:.2%}" for r in curve)
     )

@@ -24,10 +24,19 @@ Place = Callable[[Scene, pipeline.Surfaces, F64], Octree]
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """cost: mean over shifts. error: root of the mean square over shifts, by judge and kind; its se is that of the points."""
+    """cost: mean over shifts. error: root of the mean square over shifts, by judge and kind, at the best of the offsets tried; its se
+    is that of the points. each: the errors of the shifts one by one there. offset: that offset, finest voxels, None for the scene's
+    own."""
 
     cost: Mapping[Cost, float]
     error: Mapping[Key, Measured]
+    each: Mapping[Key, tuple[float, ...]]
+    offset: Mapping[Key, float | None]
+
+    def spread(self, key: Key) -> float:
+        """Standard error of `error` from the shifts, which lay their lattices independently; 0 where there is one."""
+        values = np.array(self.each[key])
+        return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
 
 
 def adaptive(scene: Scene, surfaces: pipeline.Surfaces, shift: F64) -> Octree:
@@ -48,24 +57,34 @@ def random_shifts(scene: Scene, surfaces: pipeline.Surfaces, count: int, seed: i
 def reached(
     scene: Scene, device: OpenDevice, lit: tuple[pipeline.Surfaces, pipeline.PatchLight], truth: GroundTruth,
     asked: Sequence[Judge], shifts: F64, seed: int, progress: Progress, place: Place = adaptive,
+    offsets: Sequence[float | None] = (None,),
 ) -> Reached:  # fmt: skip
-    """Place, bake and sample at every one of `shifts` (S, 3)."""
+    """Place, bake and sample at every one of `shifts` (S, 3). offsets: of the samples along their normals, finest voxels, None for the
+    scene's own; as for grids (`curve.grid_row`) the one with the smallest mean square over the shifts counts, judge by judge."""
     costs: list[Mapping[Cost, float]] = []
-    errors: dict[Key, list[Measured]] = {(j.name, kind): [] for j in asked for kind in KINDS}
+    errors: dict[Key, list[list[Measured]]] = {(j.name, kind): [[] for _ in offsets] for j in asked for kind in KINDS}
     for number, shift in enumerate(shifts):
         progress("placements", number, len(shifts))
         baked = bake(scene, device, lit, place(scene, lit[0], shift), seed + number, silent)
         costs.append(own_cost(baked.cost))
-        found = {
-            name: sample_points(baked, truth.points[name]).irradiance.astype(np.float64)
-            for name in dict.fromkeys(j.points for j in asked)
-        }
-        for j in asked:
-            for kind in KINDS:
-                errors[j.name, kind].append(j.error(found[j.points], kind))
+        for o, offset in enumerate(offsets):
+            found = {
+                name: sample_points(baked, truth.points[name], offset).irradiance.astype(np.float64)
+                for name in dict.fromkeys(j.points for j in asked)
+            }
+            for j in asked:
+                for kind in KINDS:
+                    errors[j.name, kind][o].append(j.error(found[j.points], kind))
     progress("placements", len(shifts), len(shifts))
     cost: dict[Cost, float] = {name: float(np.mean([c[name] for c in costs])) for name in costs[0]}
-    return Reached(cost, {key: _mean(values) for key, values in errors.items()})
+    means = {key: [_mean(values) for values in tried] for key, tried in errors.items()}
+    best = {key: min(range(len(offsets)), key=lambda o, tried=tried: tried[o].value) for key, tried in means.items()}  # type: ignore[misc]
+    return Reached(
+        cost,
+        {key: tried[best[key]] for key, tried in means.items()},
+        {key: tuple(m.value for m in tried[best[key]]) for key, tried in errors.items()},
+        {key: offsets[o] for key, o in best.items()},
+    )
 
 
 def _mean(values: Sequence[Measured]) -> Measured:
