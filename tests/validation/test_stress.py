@@ -19,7 +19,14 @@ from lightgauge.validation.stress import catalogue, judge, record, system_cache,
 from lightgauge.validation.stress.bisect import breaking
 from lightgauge.validation.stress.case import Case, Curve, Reading, at_least, at_most, within
 from lightgauge.validation.stress.catalogue import Entry
-from lightgauge.validation.stress.heat_map import draw_heat_map
+from lightgauge.validation.stress.heat_map import (
+    BELOW_NOISE,
+    cell_fill,
+    draw_heat_map,
+    error_words,
+    figure_words,
+    fill_of,
+)
 from lightgauge.validation.stress.on_scenes import cell, negative_share, of_record, rounding
 from lightgauge.validation.stress.page import render
 from lightgauge.validation.stress.runner import Runner
@@ -296,6 +303,16 @@ def test_the_page_shows_every_case_and_is_harmless(made: dict[str, Any]) -> None
     for name in ("A1", "A2", "A3", "A4", "A5", "A6"):
         assert f'id="{name}"' in html
     assert html.count("<svg") > 6 and draw_heat_map(made) == draw_heat_map(made)
+
+
+def test_cells_show_their_noise() -> None:
+    """The share of the limit, its standard error beneath, and grey where the figure is under twice that."""
+    clear, lost = cell(2.0, 0.1, 4.0, "x"), cell(2.0, 1.1, 4.0, "x")
+    assert cell_fill(clear) == fill_of(0.5) and cell_fill(lost) == BELOW_NOISE != cell_fill(clear)
+    assert error_words(clear) == "±.03" and error_words(cell(2.0, None, 4.0, "x")) == ""
+    assert "± 0.1" in figure_words(clear) and figure_words(lost).endswith("below the noise")
+    share = cell(0.999, 0.01, 0.99, "x", "higher")  # what is missing from 1 is what noise may hide
+    assert cell_fill(share) == BELOW_NOISE and error_words(share) == "±1.00"
 
 
 def test_a_case_is_told_by_the_curve_that_decides_it(made: dict[str, Any]) -> None:

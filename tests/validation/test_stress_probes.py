@@ -7,15 +7,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
+from lightgauge.fastpath.device import OpenDevice
+from lightgauge.fastpath.sampler import Sampler
 from lightgauge.reference import tiling
+from lightgauge.reference.errors import EnvironmentLacks
 from lightgauge.reference.lattice import OCTANTS
 from lightgauge.reference.placement import culling, dead_edges, distance
+from lightgauge.reference.texture_types import VirtualTexture
 from lightgauge.reference.volume import sampler, tiles
 from lightgauge.validation.benchmarks import leak_scene
-from lightgauge.validation.stress import measure_chains
+from lightgauge.validation.stress import kernel_reads, measure_chains
 from lightgauge.validation.stress.case import Case
 from lightgauge.validation.stress.cases_octree import D2, D4, D5, D6, D7
 from lightgauge.validation.stress.cases_probes import C1, C5, C7
@@ -101,3 +106,27 @@ def test_a_fault_in_the_product_fails(
     found = judged(case, value)
     assert found.status == "fail" and not found.as_stated
     assert curve in {p.curve for p in found.points if p.status == "fail"}, found.why
+
+
+def test_a_kernel_that_reads_another_texture_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One per cent less of one coefficient, for the kernel alone."""
+
+    def darker(found: OpenDevice, texture: VirtualTexture, *more: Any) -> Sampler:
+        less = texture.texels.copy()
+        less[..., 0] *= np.float32(0.99)
+        return Sampler(found, dataclasses.replace(texture, texels=less), *more)
+
+    monkeypatch.setattr(kernel_reads, "Sampler", darker)
+    found = judged(D2, 3.0)
+    assert {p.curve for p in found.points if p.status == "fail"} == {"kernel"}
+
+
+def test_without_a_device_the_plain_sampler_is_judged_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none() -> None:
+        raise EnvironmentLacks("no OpenCL device")
+
+    monkeypatch.setattr(kernel_reads, "device", none)
+    kernel_reads._device.cache_clear()
+    found = judged(D2, 3.0)
+    kernel_reads._device.cache_clear()
+    assert found.status == "pass" and "kernel was not read, for want of an OpenCL device" in found.why

@@ -88,3 +88,11 @@ def test_a_loader_that_does_not_turn_faces_is_caught(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(measure_meshes, "repair", as_read)
     assert {"flipped", "kinds not said"} <= failing("A10", 4.0)
+
+
+def test_a_solver_that_stops_early_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Told that a tenth is left of what is: against closed forms and against a dense solve."""
+    real: Any = solvers.Unshot.__call__
+    monkeypatch.setattr(solvers.Unshot, "__call__", lambda unshot, r: 0.1 * real(unshot, r))
+    assert {"error left, of the tolerance", "off a dense solve, of the tolerance"} <= failing("B1", 0.1)
+    assert "off a dense solve, of the tolerance" in failing("B3", 64.0)

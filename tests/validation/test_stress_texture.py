@@ -9,13 +9,22 @@ import numpy as np
 import pytest
 from lightgauge.fastpath import layout, sampler, windows
 from lightgauge.fastpath.clipmap import Clipmap
+from lightgauge.reference.texture_types import VirtualTexture
 from lightgauge.validation.statistics import welch
-from lightgauge.validation.stress import rates_measured, texture_reads, texture_streams, truth_checks, truth_paths
+from lightgauge.validation.stress import (
+    rates_measured,
+    texture_filter,
+    texture_reads,
+    texture_streams,
+    truth_bounces,
+    truth_checks,
+    truth_paths,
+)
 from lightgauge.validation.stress.case import Case
 from lightgauge.validation.stress.cases_rates import CASES as RATES
 from lightgauge.validation.stress.cases_rates import R4
 from lightgauge.validation.stress.cases_texture import CASES as TEXTURE
-from lightgauge.validation.stress.cases_texture import E3, E6, E7, E8
+from lightgauge.validation.stress.cases_texture import E1, E3, E6, E7, E8
 from lightgauge.validation.stress.cases_truth import CASES as TRUTH
 from lightgauge.validation.stress.cases_truth import F5
 from lightgauge.validation.stress.catalogue import check_case
@@ -88,6 +97,39 @@ def test_what_finds_bias_finds_none_where_it_is_told_to_be_blind(monkeypatch: py
     reading = {0.003: {"Welch on blocks": F5.measure(0.003, 1)["Welch on blocks"]}}
     truth_checks._false_finds.cache_clear()
     assert judge(few, reading).status == "fail"
+
+
+def test_bounces_lost_by_a_dense_solve() -> None:
+    """Where every row sums to one and all reflect alike, paths of D segments lose ρ^(D - 1) of the indirect light."""
+    rng = np.random.default_rng(4)
+    rows = rng.random((6, 6))
+    rows /= rows.sum(axis=1, keepdims=True)
+    albedo = np.tile([0.5, 0.8, 0.3], (6, 1))
+    even = truth_bounces.Transport(rows, np.eye(6), albedo, np.ones((6, 3)))
+    first = albedo[0] / (1.0 - albedo[0])
+    for depth in (1, 2, 5):
+        assert even.lost(depth) == pytest.approx(float(first @ albedo[0] ** (depth - 1) / first.sum()), rel=1e-9)
+
+
+def test_tilts_explain_single_facets() -> None:
+    """Facets of an icosphere: what their normals' tilt costs is most of what they are off, with the coefficient of the theory."""
+    off, tilt = rates_measured._deviation(2, 3, 0), rates_measured.tilts(2)
+    assert float(off @ tilt) / float(tilt @ tilt) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_filter_of_fewer_bits_goes_over_its_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(texture_filter, "COUNT", 4000)
+    assert verdict(E1, 0.2).status == "pass"
+    whole = texture_filter._fixed_point
+
+    def coarser(texture: VirtualTexture, p: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return whole(texture, np.round(p * 128.0) / 128.0, n)
+
+    monkeypatch.setattr(texture_filter, "_fixed_point", coarser)
+    found = verdict(E1, 0.2)
+    assert found.status == "fail" and "24.8 filter over its bound" in {
+        p.curve for p in found.points if p.status == "fail"
+    }
 
 
 def test_tail_index_and_exponent_of_known_laws() -> None:

@@ -30,10 +30,10 @@ from lightgauge.validation.report.pixel import pixel_context
 from lightgauge.validation.report.waterfall import waterfall_context
 from lightgauge.validation.waterfall.chain import gathered_stages
 from lightgauge.validation.waterfall.links import NAMES, STAGES
-from lightgauge.validation.waterfall.measured import measured
-from lightgauge.validation.waterfall.pictures import differences
+from lightgauge.validation.waterfall.measured import DIFFUSE_NOISE, enough_noise, measured
+from lightgauge.validation.waterfall.pictures import differences, thinned
 from lightgauge.validation.waterfall.record import waterfall_metrics, waterfall_table
-from lightgauge.validation.waterfall.reference import Reference
+from lightgauge.validation.waterfall.reference import Reference, relative_noise
 from lightgauge.validation.waterfall.statistics import links_of, waterfall
 from lightgauge.validation.waterfall.text import waterfalls_text
 from lightgauge.validation.waterfall.world import World, as_baked, world
@@ -228,6 +228,31 @@ def test_pictures_of_the_links_add_up() -> None:
     even = differences([np.full((1, hit.sum()), 1.0 + k) for k in range(STAGES)], hit, 2)
     for picture in even.values():  # whatever window, light that is even stays even up to the picture's edge
         np.testing.assert_allclose(picture[hit], 1.0 / 1.01, rtol=1e-5)
+
+
+def test_large_pictures_are_read_at_some_pixels(room: World) -> None:
+    """Every second pixel of 16 × 12 for 48; what is read there stands for its neighbours, and nothing where no surface is seen."""
+    view = room.truth.views["eye"]
+    few = thinned(view, 48)
+    assert few.step == 2 and few.hit.shape == (6, 8) and len(few.number) == int(few.hit.sum()) == 48
+    whole = thinned(view)
+    assert whole.step == 1 and np.array_equal(whole.number, np.arange(192))
+    index = few.number.reshape(6, 8)
+    assert np.array_equal(index, np.arange(192).reshape(12, 16)[1::2, 1::2])
+    hit = np.ones((12, 16), bool)
+    hit[0, 0] = False
+    large = few.enlarged(index.astype(np.float32), hit)
+    assert large[0, 0] == 0.0 and large[0, 1] == index[0, 0] and large[11, 15] == index[-1, -1]
+    assert np.array_equal(few.points.positions, view.points.positions[few.number])
+
+
+def test_noise_that_a_stage_between_may_have() -> None:
+    """A share of the error, and never less than the reference's own."""
+    rng = np.random.default_rng(6)
+    reference = Reference(1.0 + 0.01 * rng.normal(size=(8, 500, 3)), 64)
+    own = relative_noise(reference.irradiance)
+    assert enough_noise(reference, np.ones((500, 3))) == pytest.approx(own, rel=0.3)
+    assert enough_noise(reference, np.full((500, 3), 1.5)) == pytest.approx(0.5 * DIFFUSE_NOISE, rel=0.02)
 
 
 def test_links_of_stages_with_and_without_batches() -> None:

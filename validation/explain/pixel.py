@@ -15,7 +15,7 @@ from ...reference.truth.points import CameraView, Points
 from ..waterfall.chain import gathered_stages
 from ..waterfall.links import LINKS
 from ..waterfall.measured import diffuse_stage
-from ..waterfall.reference import Reference, paths
+from ..waterfall.reference import Reference, paths, relative_noise
 from ..waterfall.statistics import links_of
 from ..waterfall.world import World
 from .corners import behind_rows, corner_rows, corners
@@ -39,7 +39,9 @@ def explain_pixel(w: World, address: PixelAddress, progress: Progress) -> dict[s
     progress("pixel", 0, 1)
     truth = paths(w.scene, w.truth.geometry, point, NOISE, MOST_PATHS, w.seed + SEED, progress)
     reference = truth if truth.irradiance.mean() > 0.0 else Reference(np.zeros_like(truth.irradiance), truth.spp)
-    diffuse = diffuse_stage(w, point, reference, progress) if truth.irradiance.mean() > 0.0 else reference
+    diffuse = reference
+    if truth.irradiance.mean() > 0.0:
+        diffuse = diffuse_stage(w, point, reference, relative_noise(reference.irradiance), progress)
     number = list(w.scene.settings.cameras).index(name)
     point = Points(point.positions, point.normals, point.mesh, np.array([number], dtype=np.int32))
     stages = [reference.irradiance, diffuse.irradiance, *gathered_stages(w, point, RAYS)]

@@ -54,12 +54,14 @@ def within(low: float, high: float) -> Wanted:
 @dataclass(frozen=True)
 class Curve:
     """One line of a case. name: as in what `measure` returns. good, stated: see the head of this file. reason: why the good value
-    is that, or why it cannot be reached; one sentence with its source."""
+    is that, or why it cannot be reached; one sentence with its source. needs: what not every machine has; without it the curve may be
+    absent everywhere, and the verdict says so."""
 
     name: str
     good: Wanted | None
     reason: str
     stated: Wanted | None = None
+    needs: str = ""
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .case import Band, Case, Curve, at_least, at_most, within
+from .kernel_curve import kernel_curve
 from .late import late
 
 SINGLE = 1e-5  # seam in float32: catalogue, "Seam"
@@ -32,6 +33,7 @@ D1 = Case(
             "2.9 % without any, 6.8 % with 6 faces (D1)",
             stated=lambda n: Band(0.02, 0.3) if n < 18 else Band(0.0, 0.0),
         ),
+        kernel_curve(),
     ),
     measure=late("measure_tree", "neighbours"),
     whole=True,
@@ -64,6 +66,7 @@ D2 = Case(
             stated=lambda n: Band(n - 1.0, n),
         ),
         Curve("refused", at_least(1.0), "a tile without a parent, so also any cycle, is refused (D2)"),
+        kernel_curve(),
     ),
     measure=late("measure_tree", "chains"),
     whole=True,
@@ -92,6 +95,7 @@ D3 = Case(
             "as sup_divided",
             stated=lambda p: Band(0.01 if p > 0.0 else 0.0, 1.0 if p > 0.0 else 0.0),
         ),
+        kernel_curve(),
     ),
     measure=late("measure_tree", "premultiplied"),
 )
@@ -132,6 +136,7 @@ D4 = Case(
             "8^-3 is 255/512 of a step, which rounds to nothing: 2 % of points lost (D4)",
             stated=_lost,
         ),
+        kernel_curve(),
     ),
     measure=late("measure_tree", "weights"),
     whole=True,
@@ -147,7 +152,8 @@ D5 = Case(
     parameter="share of invalid probes",
     unit="",
     values=(0.0, 0.5, 0.7, 0.8, 0.9, 0.97, 1.0),
-    metric="nan, off: answers not finite, largest error; fell, dark: shares of places not answered by the finest level, by none",
+    metric="nan, off: answers not finite, largest error; fell, dark: shares of places not answered by the finest level, by none; "
+    "each the worst of the plain sampler and the kernel",
     curves=(
         Curve("nan", at_most(0.0), "never 0/0"),
         Curve("off", at_most(1e-5), "what answers gives the light that its valid probes have"),

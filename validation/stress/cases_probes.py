@@ -7,6 +7,7 @@ import math
 from .bands import around
 from .case import Band, Case, Curve, Wanted, at_least, at_most, within
 from .cases_reconstruction import C1, C2, C3
+from .kernel_curve import kernel_curve
 from .late import late
 
 LEFT_OUT = 'scope limit: role = "moving" stays out of the bake, so the open sky shines instead: 1/(1 - cover s) - 1 [A]'
@@ -137,6 +138,7 @@ C7 = Case(
             Curve(f"printed_{name}", at_most(1e-4), "the h that each wall needs is said: t / (|nx| + |ny| + |nz|)")
             for name, _ in _TURNS
         ),
+        kernel_curve(),
     ),
     measure=late("measure_walls", "thin_wall"),
     breaks="turned_30",

@@ -34,7 +34,7 @@ C1 = Case(
     parameter="half angle of the cap",
     unit="°",
     values=(5.0, 20.0, 40.0, 60.0, 80.0, 100.0, 120.0),
-    metric="lowest irradiance over the mean (linear_share: share of normals under 0)",
+    metric="lowest irradiance over the mean (linear_share: share of normals under 0), the worst of plain formulas and kernel",
     curves=(
         Curve(
             "linear",

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import Literal
 
@@ -131,7 +131,8 @@ def _stated(reading: Reading, band: Band, z: float, shown_only: bool) -> tuple[P
 
 
 def judge(case: Case, readings: Readings) -> Verdict:
-    """All readings of a case, by value and curve. A curve with a band that was never read fails the case."""
+    """All readings of a case, by value and curve. A curve with a band that was never read fails the case, but for one that `needs` what
+    this machine lacks."""
     if case.out_of_scope:
         return Verdict("out of scope", False, case.out_of_scope, ())
     by_name = {curve.name: curve for curve in case.curves}
@@ -145,14 +146,14 @@ def judge(case: Case, readings: Readings) -> Verdict:
         for value, at in sorted(readings.items())
         for name, reading in at.items()
     )
-    unread = [
-        c.name
-        for c in case.curves
-        if (c.good or c.stated) and not any(p.curve == c.name for p in points if p.value in swept)
-    ]
-    if unread:
-        return Verdict("fail", False, f"never read: {', '.join(unread)}", points)
-    return _verdict(case, points)
+    read = {p.curve for p in points if p.value in swept}
+    unread = [c for c in case.curves if (c.good or c.stated) and c.name not in read]
+    lost = [c.name for c in unread if not c.needs]
+    if lost:
+        return Verdict("fail", False, f"never read: {', '.join(lost)}", points)
+    verdict = _verdict(case, points)
+    left_out = "".join(f"; {c.name} was not read, for want of {c.needs}" for c in unread)
+    return replace(verdict, why=verdict.why + left_out)
 
 
 def _verdict(case: Case, points: tuple[Point, ...]) -> Verdict:

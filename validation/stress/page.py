@@ -15,7 +15,7 @@ from ..report.svg import tag
 from ..summary import number
 from .catalogue import GROUPS
 from .curves import COLOURS, draw_case
-from .heat_map import STATUS_FILLS, STEPS, draw_heat_map
+from .heat_map import BELOW_NOISE, STATUS_FILLS, STEPS, draw_heat_map, is_noise
 from .record import SCHEMA_FILE, status_words
 from .text import bands_words, breaks_words, expected_words, measured_words
 
@@ -93,7 +93,7 @@ def _steps() -> list[tuple[Markup, str]]:
     for most, fill in STEPS:
         words.append((Markup(_swatch(fill)), f"over {below:g}" if most == float("inf") else f"up to {most:g}"))
         below = most
-    return words
+    return [*words, (Markup(_swatch(BELOW_NOISE)), "under twice its standard error, written beneath it")]
 
 
 def _swatch(fill: str) -> str:
@@ -103,8 +103,14 @@ def _swatch(fill: str) -> str:
 
 
 def _over(record: Mapping[str, Any]) -> list[JsonObject]:
-    """The cells that are over their limit, the worst first."""
-    found = [{"scene": scene["name"], "id": name, **c, "shown": number(float(c["value"])), "most": number(float(c["limit"])),
+    """The cells that are over their limit, the worst first; not those that noise does not tell from nothing."""
+    found = [{"scene": scene["name"], "id": name, **c, "shown": _with_error(c), "most": number(float(c["limit"])),
               "times": number(float(c["ratio"]))}
-             for scene in record["scenes"] for name, c in scene["cells"].items() if c["ratio"] > 1.0]  # fmt: skip
+             for scene in record["scenes"] for name, c in scene["cells"].items() if c["ratio"] > 1.0 and not is_noise(c)]  # fmt: skip
     return sorted(found, key=lambda c: -c["ratio"])
+
+
+def _with_error(found: Mapping[str, Any]) -> str:
+    """A cell's figure and its standard error, where it has one."""
+    error = f" ± {number(float(found['se']))}" if found.get("se") else ""
+    return f"{number(float(found['value']))}{error}"

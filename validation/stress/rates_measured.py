@@ -28,12 +28,14 @@ from ...reference.transport.solvers import METHODS
 from ...reference.visibility import Geometry, build_geometry
 from .case import Reading
 from .cases_rates import R1, R2, R4
-from .rates_fit import Law, exponents
+from .rates_fit import EACH, Law, exponents
 from .scenes import ball, box, box_faces, grey, plate, quads_mesh, scene_of
 from .texture_worlds import device, flat_light, units, world
+from .until_decided import mean_of
 
 Floats = npt.NDArray[np.floating]
-FACET_RAYS = 1 << 12
+FACET_RAYS = 1 << 11  # twice
+RISE = 0.5  # of the light with height, over its mean
 EDGE = 1.1  # m, of the facets of an icosphere before it is subdivided
 FLOOR, SHADOW_RAYS, PER_PATCH = 4.0, 64, 64
 ROOTS = 2.0 ** (-0.5 * np.arange(5))  # patch sizes of one fit, over its coarsest
@@ -44,14 +46,17 @@ READS = 20_000
 
 
 def patch_size(size: float, seed: int) -> Mapping[str, Reading]:
-    """R1: exponents in h, from `size` m downwards: irradiance in a sphere of flat facets, and a shadow's edge over flat patches."""
+    """R1: exponents in h, from `size` m downwards: irradiance in a sphere of flat facets, whole and single, and a shadow's edge."""
     level = 1 + max(0, round(math.log2(EDGE / size)))  # facets half as long, to be small beside the sphere
     sizes = size * ROOTS
     halves = EDGE / 2.0 ** np.array([level, level + 1])
-    return exponents(R1, size, {
-        "sphere of facets": (halves, lambda r: [_facets(k, seed, r) for k in (level, level + 1)]),
+    steps = (level, level + 1)
+    found = exponents(R1, size, {
+        "sphere of facets": (halves, lambda r: [_facets(k, seed, r) for k in steps]),
+        "single facets": (halves, lambda r: [_single(k, seed, r) for k in steps]),
         "edge of a shadow": (sizes, lambda r: [_shadow(float(h), seed, r) for h in sizes]),
     })  # fmt: skip
+    return {**found, "single facets, over theory": _of_theory(level + 1, seed)}
 
 
 @cache
@@ -61,20 +66,53 @@ def _sphere(level: int) -> tuple[Geometry, Patches, F64]:
     s = scene_of([ball(level)], [grey()])
     g = build_geometry(s)
     p = build_patches(s, g, EDGE / 2.0**level)
-    return g, p, 1.0 + 0.5 * p.centroid[:, 1]
+    return g, p, 1.0 + RISE * p.centroid[:, 1]
 
 
 @cache
-def _facets(level: int, seed: int, repeat: int) -> float:
-    """Part of the radiosity's rise with height that is left in the irradiance of the facets, each a receiver: 0 in a sphere. (The
-    RMS of their single errors falls more slowly; a facet's normal that misses its centroid would do that, but is not shown to.)"""
+def _deviation(level: int, seed: int, number: int) -> F64:
+    """Irradiance of every facet (T,) from FACET_RAYS rays of its own, less that inside of a sphere, 1."""
     g, p, light = _sphere(level)
     whole = np.arange(len(g.faces))
-    corners = g.vertices[g.faces]
-    receivers = area_receivers(g, corners, g.normals, whole, whole + 1)
-    rows = form_factors(g, p, receivers, FACET_RAYS, 1000 * seed + repeat, silent, "facets").matrix()
-    height = g.areas * corners.mean(axis=1)[:, 1]
-    return abs(float(height @ (rows[:, : p.count] @ light)) / float(height @ (0.5 * corners.mean(axis=1)[:, 1])))
+    receivers = area_receivers(g, g.vertices[g.faces], g.normals, whole, whole + 1)
+    rows = form_factors(g, p, receivers, FACET_RAYS, 10_000 * seed + number, silent, "facets").matrix()
+    return np.asarray(rows[:, : p.count] @ light - 1.0, dtype=np.float64)
+
+
+def _facets(level: int, seed: int, repeat: int) -> float:
+    """Part of the radiosity's rise with height that is left in the irradiance of the facets, each a receiver: 0 in a sphere."""
+    g = _sphere(level)[0]
+    middle = g.vertices[g.faces].mean(axis=1)[:, 1]
+    off = 0.5 * (_deviation(level, seed, 2 * repeat) + _deviation(level, seed, 2 * repeat + 1))
+    return abs(float((g.areas * middle) @ off) / float((g.areas * middle) @ (RISE * middle)))
+
+
+def _single(level: int, seed: int, repeat: int) -> float:
+    """RMS over facets of their single deviations, the noise of the rays cancelled between two sets of them."""
+    area = _sphere(level)[0].areas
+    square = area @ (_deviation(level, seed, 2 * repeat) * _deviation(level, seed, 2 * repeat + 1)) / area.sum()
+    return math.sqrt(max(float(square), np.finfo(np.float64).tiny))
+
+
+def _of_theory(level: int, seed: int) -> Reading:
+    """How much of `tilts` the single deviations hold, least squares, from EACH repetitions: 1 if theory is right."""
+    tilt = tilts(level)
+    return mean_of([float(_deviation(level, seed, k) @ tilt) / float(tilt @ tilt) for k in range(2 * EACH)])
+
+
+def tilts(level: int) -> F64:
+    """What a facet's normal n, apart from the sphere's s at its centroid, adds to its irradiance (T,) [A].
+
+    Inside of a sphere whose light is 1 + a y, direction ω from x brings 1 + a (x_y + 2 (s·ω) ω_y). To first order in t = n - (n·s) s
+
+        E(n) - E(s) = 1/π ∫ L (t·ω) dω = 2a/π t_y ∫ cos θ sin² θ cos² φ dω = a t_y / 2
+    """
+    g = _sphere(level)[0]
+    middle = g.vertices[g.faces].mean(axis=1)
+    s = -middle / np.linalg.norm(middle, axis=1, keepdims=True)
+    inwards = g.normals * np.sign(np.einsum("ni,ni->n", g.normals, s))[:, None]
+    tilt = inwards - np.einsum("ni,ni->n", inwards, s)[:, None] * s
+    return np.asarray(0.5 * RISE * tilt[:, 1], dtype=np.float64)
 
 
 @cache

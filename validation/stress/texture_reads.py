@@ -1,4 +1,4 @@
-"""What cases E1 … E5 measure: the sampling kernels against arithmetic that does without their short cuts."""
+"""What cases E2 … E5 measure: the sampling kernels against arithmetic that does without their short cuts."""
 
 from __future__ import annotations
 
@@ -13,17 +13,14 @@ from scipy.ndimage import map_coordinates
 from ...fastpath.layout import Layout, cache_textures, exposure
 from ...fastpath.sampler import Sampler
 from ...fastpath.streamed import StreamedTexture
-from ...reference.datatypes import F32, F64, Bool
-from ...reference.reconstruction import irradiance
-from ...reference.texture_types import Samples, Storage, VirtualTexture
-from ...reference.volume.sampler import MIN_WEIGHT, resolve, sample
+from ...reference.datatypes import F32, F64
+from ...reference.texture_types import Samples, Storage
 from .case import Reading
 from .texture_worlds import (
     World,
     device,
     flat_light,
     inside,
-    random_light,
     random_world,
     uniform_tree,
     units,
@@ -31,60 +28,10 @@ from .texture_worlds import (
 )
 from .trees import random_tree
 
-FRACTION_BITS = 8  # of a texture unit's 24.8 fixed-point coordinates
-COUNT = 60_000
-CONTRAST = 0.8  # of probe to probe in E1: standard deviation of the logarithm
 FIELD = math.sqrt(math.pi) / 2.0  # irradiance of light that comes from everywhere with L00 = 1
 CLEAN_LEVEL, GRAIN = 4, 9
 VOXEL = 0.25  # m, of E5
 FAR_LIGHT = 1e6  # the brightest L00 beside which E3 stores dim light
-
-
-def _percentile(error: F64, share: float) -> Reading:
-    """A percentile with its standard error from eight parts of the samples."""
-    parts = [np.percentile(part, share) for part in np.array_split(error, 8)]
-    return Reading(float(np.percentile(error, share)), float(np.std(parts, ddof=1) / math.sqrt(8)), len(error))
-
-
-def _relative(ours: F32, exact: F64 | F32) -> F64:
-    """Largest error over the colours, (N,), relative to the mean of the exact (N, 3)."""
-    scale = np.maximum(np.abs(exact.astype(np.float64)).mean(axis=1), 1e-30)
-    return np.asarray(np.abs(ours.astype(np.float64) - exact).max(axis=1) / scale)
-
-
-def _fixed_point(texture: VirtualTexture, positions: F64, normals: F32) -> tuple[F64, Bool]:
-    """Irradiance (N, 3) by a filter whose fractions have FRACTION_BITS, and where there is any (N,). All voxels are of the finest
-    level and of 1 m from the origin on."""
-    q = positions - texture.origin
-    steps = 2.0**FRACTION_BITS
-    light, weight, _ = resolve(texture, np.round(q * steps) / steps, q, texture.level)
-    lit = weight >= MIN_WEIGHT
-    coefficients = (light / np.where(lit, weight, 1.0)[:, None]).reshape(-1, 3, 4).transpose(0, 2, 1)
-    return irradiance("linear", coefficients, normals).astype(np.float64), lit
-
-
-def filter_fractions(invalid: float, seed: int) -> Mapping[str, Reading]:
-    """E1: errors of interpolation where a share `invalid` of the probes has weight 0, all voxels of one level."""
-    tree = uniform_tree(CLEAN_LEVEL)
-    rng = np.random.default_rng([seed, 11])
-    light = random_light(len(tree.corners), seed) * rng.lognormal(0.0, CONTRAST, (len(tree.corners), 1, 1)).astype(
-        np.float32
-    )
-    w = world(tree, light, rng.random(len(light)) >= invalid)
-    p, n = inside(w, COUNT, seed), units(COUNT, seed)
-    plain = dataclasses.replace(w.texture, texels=w.texels("half"))
-    exact = sample(plain, p, n)
-    found = {}
-    ways: tuple[tuple[str, Layout], ...] = (("explicit loads", "packed"), ("images", "images"))
-    for name, layout in ways:
-        got = Sampler(device(), w.texture, "half", layout)(p, n)
-        same = (got.level == w.texture.level) & (exact.level == w.texture.level)
-        found[name] = _percentile(_relative(got.irradiance[same], exact.irradiance[same]), 99.0)
-    rough, lit = _fixed_point(plain, p, n)
-    same = lit & (exact.level == w.texture.level)
-    error = _relative(rough[same].astype(np.float32), exact.irradiance[same])
-    worst = Reading(float(error.max()), 0.0, len(error))
-    return {**found, "24.8 filter": _percentile(error, 99.0), "24.8 filter, worst": worst}
 
 
 @cache

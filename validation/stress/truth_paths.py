@@ -18,10 +18,11 @@ from ...reference.visibility import LIFT, build_geometry
 from ..sources import resolve_scene
 from .case import Reading
 from .scenes import ball, box, grey, mesh, scene_of
+from .truth_bounces import Transport, lost_by_mitsuba, transport
 
 TOLERANCE = 1e-3  # of the truth's depth, its default
 RECEIVERS, PATHS = 400, 128
-CUT_PATHS = 32  # of F4
+CUT_PATHS = 1024  # of F4, in the Cornell box
 FEW, EACH, BOUNDED = (
     64,
     1024,
@@ -32,6 +33,7 @@ CAP, EARLY = 0.95, 4  # Mitsuba's largest chance to survive, and the bounce from
 MOST_INDEX = 10.0
 LONGEST = 128
 FURNACE, SEEN = 0.8, 16  # albedo; beyond this depth what is lost is less than the noise
+SEEN_LOST = 8  # the same of the Cornell box
 
 
 def path_values(t: TruthScene, points: Points, depth: int, roulette: int, paths: int, seed: int) -> F64:
@@ -170,14 +172,34 @@ def _lost(furnace: bool, depth: int, seed: int) -> Reading:
     return Reading(float(share), se, len(long))
 
 
+@cache
+def _bounces(seed: int) -> Transport:
+    s, _, points = _cornell(seed)
+    return transport(s, points, seed)
+
+
+def _over_solved(depth: int, seed: int) -> Reading:
+    """Light of the paths longer than `depth` in the Cornell box, over what a dense solve says of the same receivers. What these have by
+    their places is no noise: the standard error is that of what is left of each beside the solve."""
+    short, long = (_at_depth(False, d, seed).mean.mean(axis=1) for d in (depth, LONGEST))
+    late, expected = long - short, _bounces(seed).late(depth)
+    ratio = float(late.sum() / expected.sum())
+    se = float((late - ratio * expected).std(ddof=1)) * math.sqrt(len(late)) / float(expected.sum())
+    return Reading(ratio, se, len(late))
+
+
 def depth(longest: float, seed: int) -> Mapping[str, Reading]:
-    """F4: light lost at one depth in the Cornell box and the furnace; and at the depth that the product takes for a tolerance of
-    ten times what the Cornell box's largest albedo leaves at this depth, over that tolerance."""
+    """F4: light lost at one depth in the Cornell box (and over what a dense radiosity solve loses there), in Mitsuba's own box, and in
+    the furnace; and at the depth that the product takes for a tolerance of ten times what the Cornell box's largest albedo leaves at
+    this depth, over that tolerance."""
     d, s = round(longest), _cornell(seed)[0]
     tolerance = min(10.0 * largest_albedo(s) ** d, 0.5)
-    own = _lost(False, min(path_depth(s, tolerance), LONGEST), seed)
+    own, box = _lost(False, min(path_depth(s, tolerance), LONGEST), seed), _lost(False, d, seed)
     found = {
-        "Cornell box": _lost(False, d, seed),
+        "Cornell box": box,
+        "Mitsuba's own box": lost_by_mitsuba(d, seed),
         "own depth, over the tolerance": Reading(own.value / tolerance, own.se / tolerance, own.n),
     }
+    if d <= SEEN_LOST:
+        found["Cornell box, over bounces solved"] = _over_solved(d, seed)
     return {**found, "furnace": _lost(True, d, seed)} if d <= SEEN else found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from ...reference.datatypes import F64
 from ...reference.errors import InputError
 from ...reference.progress import Progress
 from ...reference.truth.points import Points
+from ..metrics.error import cross_half_mse
 from .chain import gathered_stages, in_parts
 from .reference import Reference, finer, geometry_of, paths, relative_noise
 from .statistics import Waterfall, waterfall
@@ -17,6 +19,9 @@ from .world import World, as_baked
 
 RAYS = 8192  # of a point, twice
 AT_ONCE = 8192  # points
+DIFFUSE_NOISE = (
+    0.3  # of the error: a tenth of its square, over a thousand points 0.3 % of it as a share's standard error
+)
 FEW = 20  # points of a mesh that a row of the table takes
 
 
@@ -50,7 +55,7 @@ def measured(w: World, progress: Progress) -> Measured:
     reference = finer(
         w.scene, w.truth.geometry, points, Reference(estimate.irradiance, estimate.spp), stages[-1][0], w.seed, progress
     )
-    diffuse = diffuse_stage(w, points, reference, progress)
+    diffuse = diffuse_stage(w, points, reference, enough_noise(reference, stages[-1][0]), progress)
     stages = [reference.irradiance, diffuse.irradiance, *stages]
     progress("waterfall", 2, 2)
     cameras = list(w.scene.settings.cameras)
@@ -63,12 +68,22 @@ def measured(w: World, progress: Progress) -> Measured:
     return Measured(sets, _meshes(w, points, stages), reference, noise, _notes(w, reference, diffuse is not reference))
 
 
-def diffuse_stage(w: World, points: Points, reference: Reference, progress: Progress) -> Reference:
-    """The points' light with what the bake sees (stage 1): the reference itself where the bake sees all."""
+def enough_noise(reference: Reference, ours: F64) -> float:
+    """Relative noise that stage 1 may have, given what is sampled at the reference's points (N, 3).
+
+    Noise of a stage between the ends cancels from every figure and only widens its interval: DIFFUSE_NOISE of the error is enough,
+    where the reference takes more paths for its own end of the chain, whose noise no link explains.
+    """
+    error = math.sqrt(max(cross_half_mse(ours, reference.irradiance), 0.0)) / float(reference.irradiance.mean())
+    return max(relative_noise(reference.irradiance), DIFFUSE_NOISE * error)
+
+
+def diffuse_stage(w: World, points: Points, reference: Reference, noise: float, progress: Progress) -> Reference:
+    """The points' light with what the bake sees (stage 1), until its relative `noise` or the reference's paths: the reference itself
+    where the bake sees all."""
     baked = as_baked(w.scene)
     if baked is None:
         return reference
-    noise = relative_noise(reference.irradiance)
     return paths(baked, geometry_of(baked), points, noise, reference.spp, w.seed + 1, progress)
 
 

@@ -4,17 +4,23 @@ A pixel of link k is (Y(E_k) - Y(E_(k-1))) / (Y(R) + 0.01 mean Y(R)), as the err
 picture is noisy: what it divides is averaged over a window, and links that have paths at one end are averaged over it too, those
 that have a pixel's own few rays at one end over 3 × 3 pixels. But for these windows the pictures of all links add up to the picture
 of the error.
+
+A picture of more than MOST_PIXELS is read at every second, third … pixel along both axes, each shown for those around it: a page
+shows no more, and the cost of all links then hangs on the settings of the scene alone, not on how large its camera's film is.
+Windows are of so many pixels that were read.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from ...reference.datatypes import F32, F64, Bool
+from ...reference.datatypes import F32, F64, I64, Bool
 from ...reference.progress import Progress
 from ...reference.truth.mitsuba_scene import build_truth_scene
 from ...reference.truth.path_traced import path_depth, picture
@@ -26,8 +32,8 @@ from .links import LINKS, NAMES
 from .reference import geometry_of, punctual
 from .world import World, as_baked
 
-RAYS, FEW_RAYS = 512, 64  # of a pixel, twice
-MANY_PIXELS = 200_000
+RAYS = 256  # of a pixel, twice: 2 % of its light, under 1 % in a window of 3 × 3
+MOST_PIXELS = 1 << 16  # of a camera
 AT_ONCE = 16384
 TRACED = ("materials", "patches")  # links with paths at an end
 BY_RAYS = ("sh_order", "offset", "interpolation")  # links with few rays at an end
@@ -39,23 +45,55 @@ def link_pictures(w: World, progress: Progress) -> dict[str, dict[str, F32]]:
     return {name: _of_camera(w, name, view, progress) for name, view in w.truth.views.items()}
 
 
+@dataclass(frozen=True, eq=False)
+class Thinned:
+    """Every `step`-th pixel of a camera, from the middle of the first `step` on. hit (h, w): whether it sees a surface; number (N,):
+    which of the view's points those that do are; points: these N."""
+
+    step: int
+    hit: Bool
+    number: I64
+    points: Points
+
+    def enlarged(self, image: F32, hit: Bool) -> F32:
+        """A picture (h, w) of the pixels read as one of all pixels: (H, W), 0 where `hit` (H, W) is not."""
+        rows, columns = (
+            np.minimum(np.arange(n) // self.step, m - 1) for n, m in zip(hit.shape, image.shape, strict=True)
+        )
+        return np.where(hit, image[np.ix_(rows, columns)], np.float32(0.0))
+
+
+def thinned(view: CameraView, most: int = MOST_PIXELS) -> Thinned:
+    """At most about `most` of a camera's pixels, and one that sees a surface at least."""
+    hit = view.hit.reshape(view.camera.height, view.camera.width)
+    number = np.cumsum(view.hit).reshape(hit.shape) - 1
+    step = max(1, math.ceil(math.sqrt(hit.size / most)))
+    while True:
+        first = tuple(slice(min(step, n) // 2, None, step) for n in hit.shape)
+        if hit[first].any() or step == 1:
+            kept = number[first][hit[first]].astype(np.int64)
+            return Thinned(step, hit[first], kept, view.points.part(kept))
+        step -= 1
+
+
 def _of_camera(w: World, name: str, view: CameraView, progress: Progress) -> dict[str, F32]:
-    n = len(view.points.positions)
-    rays = RAYS if n <= MANY_PIXELS else FEW_RAYS
-    done = 0
+    few = thinned(view)
+    n, done = len(few.number), 0
 
     def work(part: Points) -> list[F64]:
         nonlocal done
-        stages = [s.mean(axis=0, keepdims=True) @ LUMINANCE for s in gathered_stages(w, part, rays, averaged=True)]
+        stages = [s.mean(axis=0, keepdims=True) @ LUMINANCE for s in gathered_stages(w, part, RAYS, averaged=True)]
         done += len(part.positions)
         progress("pictures of the waterfall", done, n)
         return stages
 
     truth = w.truth.pictures[name]
-    first = [truth.mean[None] @ LUMINANCE, _diffuse(w, view, truth.mean, truth.spp, progress)[None] @ LUMINANCE]
-    stages = [*first, *in_parts(view.points, AT_ONCE, work)]
+    mean = truth.mean[few.number]
+    first = [mean[None] @ LUMINANCE, _diffuse(w, few.points, mean, truth.spp, progress)[None] @ LUMINANCE]
+    stages = [*first, *in_parts(few.points, AT_ONCE, work)]
     radius = AVERAGES[sum(truth.noise > limit for limit in NOISY)]
-    return differences(stages, view.hit.reshape(view.camera.height, view.camera.width), radius)
+    hit = view.hit.reshape(view.camera.height, view.camera.width)
+    return {link: few.enlarged(image, hit) for link, image in differences(stages, few.hit, radius).items()}
 
 
 def differences(stages: list[F64], hit: Bool, radius: int) -> dict[str, F32]:
@@ -88,14 +126,14 @@ def _window(values: F64, radius: int) -> F64:
     return np.asarray(uniform_filter(values, 2 * radius + 1, mode="constant")) if radius else values
 
 
-def _diffuse(w: World, view: CameraView, truth: F64, spp: int, progress: Progress) -> F64:
-    """Stage 1 (N, 3) at the pixels; the truth itself where the bake sees everything."""
+def _diffuse(w: World, points: Points, truth: F64, spp: int, progress: Progress) -> F64:
+    """Stage 1 (N, 3) at the pixels read; the truth itself where the bake sees everything."""
     baked = as_baked(w.scene)
     if baked is None:
         return truth
     depth = path_depth(baked, baked.settings.truth.tolerance)
-    found = picture(build_truth_scene(baked), view.points, spp, depth, w.seed + 11, progress)
-    return found.mean + punctual(baked, geometry_of(baked), view.points)
+    found = picture(build_truth_scene(baked), points, spp, depth, w.seed + 11, progress)
+    return found.mean + punctual(baked, geometry_of(baked), points)
 
 
 def packed(pictures: Mapping[str, Mapping[str, F32]]) -> dict[str, F32]:

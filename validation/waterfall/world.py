@@ -32,9 +32,10 @@ from ..bake import filled
 from ..formats import sampling_format
 from ..ground_truth import GroundTruth, ground_truth
 
-EXACT_RAYS = 8  # times the bake's rays, of patches, shadows and probes
+EXACT_RAYS = 8  # times the bake's rays, of patches and shadows: what noise they still have counts as the bake's
 MOST_PATCH_RAYS = 1 << 20
-PROBE_RAYS = (1024, 8192)  # least and most of a retraced probe
+# Probes come in batches whose noise cancels from every figure; it is only seen in pictures, at half of the bake's own.
+PROBE_TIMES, PROBE_RAYS = 4, (1024, 4096)  # times the bake's rays; least and most of a retraced probe
 SEED = 4000  # apart from all that the bake draws
 
 
@@ -124,7 +125,7 @@ def _probe_light(
     order = order_for(scene.settings.sampling.reconstruction)
     g, positions = surfaces.geometry, traced.octree.positions
     mean = float(np.mean(traced.rows.rays))
-    rays = int(np.clip(1 << int(np.ceil(np.log2(EXACT_RAYS * mean))), *PROBE_RAYS))
+    rays = int(np.clip(1 << int(np.ceil(np.log2(PROBE_TIMES * mean))), *PROBE_RAYS))
     device_patches = upload_patches(g, surfaces.patches)
     found = ray_gather(g, device_patches, positions, None, [light.radiosity.light], rays, seed + SEED + 1, order)
     return found.radiance + pipeline.punctual_input(scene, g, positions, order), rays
