@@ -35,16 +35,20 @@ def key(*parts: Any) -> str:
 
 @cache
 def code_hash(*folders: str) -> str:
-    """Hash of our own source under `folders` ("a/*": only the files right in a) and of the versions of what computes."""
+    """Hash of our own source under `folders` ("a/*": only the files right in a; "a/b.py": that file) and of the versions of what
+    computes. Raises ValueError for one without source: it was renamed, and the hash would not cover it."""
     digest = hashlib.sha256()
     root = Path(__file__).parent.parent
     for name in _PACKAGES:
         digest.update(f"{name}=={metadata.version(name)};".encode())
     for folder in folders:
-        found = root.glob(folder) if folder.endswith("*") else (root / folder).rglob("*")
-        for path in sorted(found):
-            if path.suffix in {".py", ".cl", ".clh"}:
-                digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+        named = root / folder
+        found = root.glob(folder) if folder.endswith("*") else [named] if named.is_file() else named.rglob("*")
+        source = sorted(path for path in found if path.suffix in {".py", ".cl", ".clh"})
+        if not source:
+            raise ValueError(f"no source under {folder}")
+        for path in source:
+            digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
 
 

@@ -17,6 +17,8 @@ from .spots import Spot
 
 SEAM_FORMATS: dict[Storage, str] = {"float32": "", "half": "_half", "half16": "_half16", "half8": "_half8"}
 
+GATED_FORMATS = ("float32", "half")
+
 
 @dataclass(frozen=True)
 class SeamFindings:
@@ -28,9 +30,9 @@ class SeamFindings:
     notes: list[str]
 
 
-def seam_findings(baked: Baked, truth: GroundTruth, seed: int) -> SeamFindings:
+def seam_findings(baked: Baked, truth: GroundTruth, seed: int, gated: bool = False) -> SeamFindings:
     """Jumps at voxel borders near receivers: all figures in float32 and as this device stores the texture, the worst alone in the
-    other formats."""
+    other formats. gated: only GATED_FORMATS, and no gradients, which no gate asks about."""
     texture = baked.texture
     near = [(lifted(baked.scene, texture, p) - texture.origin) / texture.finest for p in truth.points.values()]
     points = seam_points(texture, np.concatenate(near) if near else None, seed)
@@ -42,11 +44,13 @@ def seam_findings(baked: Baked, truth: GroundTruth, seed: int) -> SeamFindings:
     measured: dict[str, Measured] = {}
     spots: list[Spot] = []
     for storage, suffix in SEAM_FORMATS.items():
+        if gated and storage not in GATED_FORMATS:
+            continue
         texels = fill_tiles(baked.probes.layout, light, storage)  # as a cache that is filled in place holds them
         stored = dataclasses.replace(texture, texels=texels)
         jumps = seam_jumps(stored, points)
         found = seam_metrics(jumps, suffix)
-        if storage in ("float32", baked.storage):
+        if storage in ("float32", baked.storage) and not gated:
             some, steps = seam_gradients(stored, points, jumps)
             found[f"seam_gradient{suffix}"] = Measured(float(steps.max()), 0.0, len(some))
             spots += [

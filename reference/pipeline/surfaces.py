@@ -171,11 +171,11 @@ def light_patches(scene: Scene, surfaces: Surfaces, seed: int, progress: Progres
 
 
 def gather_at_points(
-    scene: Scene, surfaces: Surfaces, light: PatchLight, positions: F64, normals: F64, seed: int
-) -> F64:
+    scene: Scene, surfaces: Surfaces, light: PatchLight, positions: F64, normals: F64, seed: int, rays: int | None = None
+) -> F64:  # fmt: skip
     """Irradiance (N, 3), W·m⁻², gathered by rays straight from the patches at points (N, 3) with unit normals (N, 3):
-    what probes of unlimited number and order would give."""
-    rays = scene.settings.radiosity.rays
+    what probes of unlimited number and order would give. rays: for each point, `radiosity.rays` if None."""
+    rays = scene.settings.radiosity.rays if rays is None else rays
     g = surfaces.geometry
     rows = point_form_factors(g, surfaces.patches, positions, normals, rays, seed + 5, silent)
     total = gather(upload(rows), light.radiosity.light)[:, 0].astype(np.float64)

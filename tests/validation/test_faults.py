@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from lightgauge.reference.errors import InputError
-from lightgauge.validation.faults.campaign import Task, _row
+from lightgauge.validation.faults.campaign import Campaign, Task, _row, _tasks
 from lightgauge.validation.faults.catalogue import FAULTS, find_fault
 from lightgauge.validation.faults.fault import ROOT, Fault
 from lightgauge.validation.faults.power import (
@@ -108,11 +108,11 @@ def test_an_unknown_fault_names_those_near() -> None:
 
 def test_a_process_that_dies_counts_as_noticed_one_without_the_fault_does_not() -> None:
     fault = find_fault("exitance-without-pi")
-    begun: tuple[dict[str, Any], ...] = ({"injected": fault.id}, {"scene": "sphere", "flags": []})
+    begun: tuple[dict[str, Any], ...] = ({"injected": fault.id}, {"scene": fault.scenes[0], "flags": []})
     for code, words in ((None, "time limit"), (-11, "Segmentation")):
         row = _row(Task((fault.id,), fault), Ended(begun, code, "", 1.0))
         assert row["caught"] and not row["by_gate"] and row["valid"]
-        assert words in row["flags"][0]["reason"] and row["flags"][0]["scene"] == "two-rooms"
+        assert words in row["flags"][0]["reason"] and row["flags"][0]["scene"] == fault.scenes[1]
     for told in ((), begun):  # it could not be applied, or what it says is no Python
         row = _row(Task((fault.id,), fault), Ended(told, 1, "NameError", 1.0))
         assert not row["caught"] and not row["valid"] and row["tail"] == "NameError"
@@ -160,6 +160,39 @@ def test_sizes_count_from_above() -> None:
         for s, c in ((0.1, True), (0.03, True), (0.01, False), (0.003, True))
     ]
     assert smallest_caught(rows) == [{"id": "a", "title": "t", "caught": 0.03, "missed": 0.01}]
+
+
+@pytest.mark.parametrize(
+    ("noticed_from", "run_at"),
+    [
+        (0.0, [0.01, 0.003, 0.001]),  # all are noticed
+        (0.003, [0.01, 0.003, 0.001]),
+        (0.01, [0.01, 0.003]),  # what is smaller than one that was missed is not asked about
+        (0.03, [0.03, 0.01]),
+        (1.0, [0.03, 0.01]),
+    ],
+)
+def test_sizes_are_tried_from_the_one_that_must_be_noticed(
+    monkeypatch: pytest.MonkeyPatch, noticed_from: float, run_at: list[float]
+) -> None:
+    """The smallest size down to which all are noticed is the one that trying all would find."""
+    fault = next(f for f in FAULTS if f.sizes == (0.03, 0.01, 0.003, 0.001))
+    tasks = _tasks(fault)
+
+    def answered(task: Task) -> dict[str, Any]:
+        assert task.size is not None
+        return {"id": fault.id, "title": fault.title, "size": task.size, "caught": task.size >= noticed_from}
+
+    campaign = Campaign(GATES, 1)
+    monkeypatch.setattr(campaign, "_recalled", answered)
+    some = [row for _, row in campaign._chain(tasks)]
+    assert [row["size"] for row in some] == run_at
+    every = smallest_caught([answered(task) for task in tasks])[0]
+    found = smallest_caught(some)[0]
+    assert (found["caught"], found["missed"]) == (every["caught"], every["missed"]) or noticed_from == 1.0
+    plain = _tasks(find_fault("transposed-rows"))
+    monkeypatch.setattr(campaign, "_recalled", lambda task: {"id": task.arguments[0]})
+    assert [row["id"] for _, row in campaign._chain(plain)] == ["transposed-rows"]
 
 
 def test_the_report_tells_what_was_missed(tmp_path: Path) -> None:

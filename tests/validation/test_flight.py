@@ -25,6 +25,7 @@ from lightgauge.validation.flight.driver import Flight, fly
 from lightgauge.validation.flight.paths import DWELL, PATHS, PER_SECOND, WALKING_SPEED, Places, viewer_path
 from lightgauge.validation.flight.plan import BLEND, FlightPlan, flight_plan
 from lightgauge.validation.flight.record import flight_metrics, flight_table
+from lightgauge.validation.flight.texels import texel_deviation
 from lightgauge.validation.flight.world import World, world
 from lightgauge.validation.record import load_results, validate_results
 from lightgauge.validation.record_models import SceneResult
@@ -123,6 +124,7 @@ def test_enough_tiles_cost_nothing(room: World, device: OpenDevice) -> None:
     assert s["wrong_reads"] == s["unexplained"] == s["most_missing"] == s["fell_share"] == s["evicted"] == 0
     assert s["relrmse_streaming"] < 1e-6 and s["relrmse_lod"] > 1e-3
     assert 0.0 < s["twin_deviation"] < 1e-5  # places on all sides of the viewer, whom positions are told from
+    assert s["texel_deviation"] < 2.0**-11 and table["summary"]["texel_deviation"]["n"] == 27 * s["most_resident"]
     assert s["pop"] == pytest.approx(s["pop_whole"], rel=1e-4) and s["pop"] > 0.0
     assert s["flicker_blend"] < s["flicker"]
     assert s["hit_share"] < 1.0 and s["loaded"] == s["most_resident"] >= s["most_wanted"]
@@ -137,7 +139,7 @@ def test_too_few_tiles_fall_to_parents_and_never_read_wrong(short: tuple[Flight,
     """The working set is twice the cache (E7)."""
     flight, table = short
     f, s = table["per_frame"], {name: m["value"] for name, m in table["summary"].items()}
-    assert s["wrong_reads"] == s["unexplained"] == 0
+    assert s["wrong_reads"] == s["unexplained"] == 0 and s["texel_deviation"] < 2.0**-11
     assert s["frames_short"] > 0 and s["fell_share"] > 0.0 and s["relrmse_streaming"] > 0.0 and s["evicted"] > 0
     assert max(f["resident"]) <= table["budget"]
     for wanted, hits, loaded, missing, fell in zip(
@@ -175,6 +177,33 @@ def test_what_is_wrong_is_found(room: World, device: OpenDevice, kind: type[Stre
     path = viewer_path("orbit", room.places, 2 * FRAMES)
     flight = fly(room, device, texture, path, silent)
     assert sum(flight.frames[figure]) > 0
+
+
+class _Uncle(StreamedTexture):
+    """Interpolates virtual probes from the slot after the parent's."""
+
+    def _arrive(self, plan: Any) -> int:
+        put, slots = self._cache.put, self._cache.capacity
+
+        def beside(tiles: Any) -> int:
+            parent = np.where(tiles.parent >= 0, (tiles.parent + 1) % slots, -1).astype(np.int32)
+            return put(dataclasses.replace(tiles, parent=parent))
+
+        self._cache.put = beside  # type: ignore[method-assign]
+        arrived = super()._arrive(plan)
+        self._cache.put = put  # type: ignore[method-assign]
+        return arrived
+
+
+def test_texels_from_the_wrong_parent_are_found(room: World, device: OpenDevice) -> None:
+    texture = _Uncle(device, room.table, most_wanted(room), room.lod_distance, check_owners=True)
+    texture.relight(room.light)
+    texture.move(viewer_path("orbit", room.places, FRAMES).positions[0])
+    tiles, held = texture.resident_texels()
+    assert len(tiles) > 20 and texel_deviation(held, room.texture.texels[tiles]) > 0.1
+    held[:] = np.nan
+    assert texel_deviation(held, room.texture.texels[tiles]) == 1.0
+    assert texel_deviation(held[:0], room.texture.texels[:0]) == 0.0
 
 
 def test_looking_away_from_everything_is_no_error(room: World, device: OpenDevice) -> None:

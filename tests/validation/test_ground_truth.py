@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ import pytest
 from lightgauge.reference.datatypes import Scene, Sky
 from lightgauge.reference.progress import silent
 from lightgauge.validation import ground_truth as module
+from lightgauge.validation.faults.fault import ROOT
+from lightgauge.validation.faults.inject import _holds
 from lightgauge.validation.ground_truth import ground_truth, truth_hash
 from small_scenes import box, material, quad, scene
 
@@ -29,6 +32,32 @@ def test_placement_and_radiosity_do_not_matter() -> None:
     assert plain == truth_hash(
         room(placement={"min_voxel": 0.1}, radiosity={"rays": 64}, sampling={"normal_offset": 0.2})
     )
+
+
+def test_the_key_covers_every_file_that_is_imported() -> None:
+    """TRUTH_CODE names files, so that others trace no path again: none may be left out, whoever imports it."""
+    todo, seen = [ROOT / "validation/ground_truth.py", *(ROOT / "reference/scene").glob("*.py")], set()
+    while todo:
+        path = todo.pop()
+        if path not in seen:
+            seen.add(path)
+            todo += _imported(path)
+    names = {p.relative_to(ROOT).as_posix() for p in seen if p.name != "__init__.py"}
+    used = {n for n in names if n.startswith("reference/")}
+    assert "reference/sky.py" in used and "reference/transport/direct.py" in used and len(used) > 25
+    assert {n for n in used if not any(_holds(part, n) for part in module.TRUTH_CODE)} == set()
+    assert all((ROOT / part).exists() for part in module.TRUTH_CODE)
+    assert not any(_holds(part, "reference/transport/gather.py") for part in module.TRUTH_CODE)
+
+
+def _imported(path: Path) -> list[Path]:
+    """Our own files that a file imports, wherever in it."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            folder = path.parents[node.level - 1] / (node.module or "").replace(".", "/")
+            found += [folder.with_suffix(".py"), *(folder / f"{alias.name}.py" for alias in node.names)]
+    return [f for f in found if f.is_file()]
 
 
 def test_everything_that_light_meets_matters() -> None:

@@ -139,6 +139,21 @@ def test_regions_are_obeyed() -> None:
     assert np.abs(points.q - 5).max() < 32 and np.median(np.abs(points.q - 5)) < 4
 
 
+def test_sides_that_are_one_voxel_are_looked_at_once() -> None:
+    """The jumps are those of all eight ways to look, wherever a point lies."""
+    made_, _ = made(6, invalid=0.3)
+    texture = dataclasses.replace(made_, texels=stored(made_.texels, "half8"))
+    some = seam_points(texture, None, 1)
+    points = SeamPoints(some.q[::40], some.normals[::40], 0)
+    sides = np.stack([seams._radiance(texture, points.q, seams._nudged(texture, points.q, s)) for s in seams.SIDES])
+    worst = np.max([seams._worst_jump(a - b) for a in sides for b in sides], axis=0)
+    found = seam_jumps(texture, points)
+    np.testing.assert_allclose(found.jump, worst, rtol=1e-12)
+    mean = np.abs(sides[..., 0]).mean(axis=(0, 2)) * seams.COSINE_A0 * seams.Y0
+    np.testing.assert_allclose(found.mean, mean, rtol=1e-12)
+    assert found.jump.max() > 1e-3 and len(points.q) > 400
+
+
 def test_jumps_are_held_against_gradients() -> None:
     """Rounding is nothing beside the change across a voxel; half floats leave more, always less than that change itself; and the worst
     jump is among the points looked at."""

@@ -16,10 +16,11 @@ from .. import cache
 from ..processes import Ended, Processes, why_ended, workers
 from .catalogue import FAULTS
 from .fault import Fault
+from .power import ERROR
 from .worker import CLEAN, THE_RUN
 
 MINUTES = 15.0
-SEEDS_PER_PROCESS = 10  # imports and compiled kernels are shared by so many
+SEEDS_PER_PROCESS = 20  # imports and compiled kernels are shared by so many
 CLEAN_SEEDS = {"sphere": 200}
 KIND = "fault"
 # What the gates ask about, and nothing of pages and cases.
@@ -55,15 +56,16 @@ class Campaign:
         self._gates, self._jobs, self._processes = gates, workers(jobs), Processes()
 
     def run(self, tick: Tick, clean_seeds: Mapping[str, int] | None = None) -> Answers:
-        """Everything: sound runs of all scenes first (their references are kept for the faulty ones), then faults, then sizes below one
-        that was caught, then the sound product's seeds. On Ctrl-C workers are killed and what is finished stays kept."""
+        """Everything: sound runs of all scenes first (their references are kept for the faulty ones), then faults, each of a size at
+        those sizes that say where it begins to be noticed, then the sound product's seeds. On Ctrl-C workers are killed and what is
+        finished stays kept."""
         seeds = CLEAN_SEEDS if clean_seeds is None else clean_seeds
         flown = {name for fault in FAULTS if fault.fly for name in fault.scenes}
         scenes = sorted({name for fault in FAULTS for name in fault.scenes})
-        first = [Task((CLEAN, name, "0", "1", *(["fly"] if name in flown else []))) for name in scenes]
-        faults = [task for fault in FAULTS for task in _tasks(fault)]
+        first = [[Task((CLEAN, name, "0", "1", *(["fly"] if name in flown else [])))] for name in scenes]
+        faults = [_tasks(fault) for fault in FAULTS]
         chunks = [
-            Task((CLEAN, name, str(k), str(min(SEEDS_PER_PROCESS, count - k))))
+            [Task((CLEAN, name, str(k), str(min(SEEDS_PER_PROCESS, count - k))))]
             for name, count in seeds.items()
             for k in range(1, count, SEEDS_PER_PROCESS)
         ]
@@ -79,10 +81,10 @@ class Campaign:
             done += len(batch)
         return answers
 
-    def _all(self, tasks: Sequence[Task], tick: Callable[[int], None]) -> list[tuple[Task, Row]]:
-        rows: dict[int, Row] = {}
+    def _all(self, chains: Sequence[Sequence[Task]], tick: Callable[[int], None]) -> list[tuple[Task, Row]]:
+        rows: dict[int, list[tuple[Task, Row]]] = {}
         with ThreadPoolExecutor(self._jobs) as pool:
-            futures = {pool.submit(self._recalled, task): i for i, task in enumerate(tasks)}
+            futures = {pool.submit(self._chain, tasks): i for i, tasks in enumerate(chains)}
             try:
                 for n, future in enumerate(as_completed(futures), 1):
                     rows[futures[future]] = future.result()
@@ -91,7 +93,24 @@ class Campaign:
                 pool.shutdown(wait=False, cancel_futures=True)
                 self._processes.stop()
                 raise
-        return [(task, rows[i]) for i, task in enumerate(tasks)]
+        return [answer for i in range(len(chains)) for answer in rows[i]]
+
+    def _chain(self, tasks: Sequence[Task]) -> list[tuple[Task, Row]]:
+        """One task, or the sizes of one fault, largest first: the error that gates must notice; smaller ones down to the first that is
+        missed, below which nothing is asked; larger ones only where it is missed itself."""
+        if tasks[0].size is None:
+            return [(tasks[0], self._recalled(tasks[0]))]
+        asked = [(task, task.size or 0.0) for task in tasks]
+        larger = [task for task, size in reversed(asked) if size > ERROR]
+        smaller = [task for task, size in asked if size < ERROR]
+        found = [(task, self._recalled(task)) for task, size in asked if size == ERROR]
+        noticed = all(row["caught"] for _, row in found)
+        for task in smaller if noticed else larger:
+            row = self._recalled(task)
+            found.append((task, row))
+            if row["caught"] != noticed:
+                break
+        return sorted(found, key=lambda answer: -(answer[0].size or 0.0))
 
     def _recalled(self, task: Task) -> Row:
         digest = None if task.fault is None else (task.fault.digest(task.size), task.fault.scenes, task.fault.fly)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .fault import ALL, Fault
+from .fault import ALL, ENERGY, Fault
 from .faults_light import PERCENT
 
 WALLS = ("two-rooms", "corridor")
@@ -19,15 +19,15 @@ DEVICE: tuple[Fault, ...] = (
     ),
     Fault(
         "weight-not-divided", "light is not divided by its weight, eight samples at a time",
-        "fastpath/lanes.clh", "const float8 inverse = 1.0f / all.weight;", "const float8 inverse = (float8)(1.0f);", WALLS,
+        "fastpath/groups.clh", "const float8 inverse = 1.0f / m.weight;", "const float8 inverse = (float8)(1.0f);", WALLS,
     ),
     Fault(
         "weight-not-divided-alone", "light is not divided by its weight, single samples",
         "fastpath/sampler.cl", "1.0f / found.light.sc, n.x, n.y, n.z) * scale", "1.0f, n.x, n.y, n.z) * scale", WALLS,
     ),
     Fault(
-        "axes-swapped", "x and y of the light's direction are swapped, eight samples at a time",
-        "fastpath/lanes.clh", "(n.x * of[3] + n.y * of[1] + n.z * of[2])", "(n.x * of[1] + n.y * of[3] + n.z * of[2])",
+        "axes-swapped", "x and y of red light's direction are swapped, eight samples at a time",
+        "fastpath/lanes.clh", "(n.x * sum[3] + n.y * sum[1] + n.z * sum[2])", "(n.x * sum[1] + n.y * sum[3] + n.z * sum[2])",
     ),
     Fault(
         "axes-swapped-alone", "z and y of the light's direction are swapped, single samples",
@@ -39,8 +39,8 @@ DEVICE: tuple[Fault, ...] = (
     ),
     Fault(
         "weights-unasked", "places where no probe is valid are answered, not passed to the parent",
-        "fastpath/lanes.clh", "const int8 mine = mask_of(together) && m.weight >= MIN_WEIGHT;", "const int8 mine = mask_of(together);",
-        ("valley", "corridor", "two-rooms"),
+        "fastpath/groups.clh", "const int8 mine = mask_of(turn.lanes) && m.weight >= MIN_WEIGHT;", "const int8 mine = mask_of(turn.lanes);",
+        ("corridor", "sphere", "valley"),
     ),
     Fault(
         "neighbour-voxel", "samples read the neighbouring voxel of their tile",
@@ -48,12 +48,12 @@ DEVICE: tuple[Fault, ...] = (
     ),
     Fault(
         "together-too-far", "samples of neighbouring voxels count as samples of the same",
-        "fastpath/lanes.clh", "const int s = finest - v.level;", "const int s = finest - v.level + 1;",
+        "fastpath/groups.clh", "const int s = grid->anchor_cell.w - level;", "const int s = grid->anchor_cell.w - level + 1;",
     ),
     Fault(
         "blue-for-green", "green and blue change places, eight samples at a time",
-        "fastpath/lanes.clh", "all.red * inverse * scale, all.green * inverse * scale, all.blue * inverse * scale",
-        "all.red * inverse * scale, all.blue * inverse * scale, all.green * inverse * scale", ("corridor", "sphere"),
+        "fastpath/groups.clh", "m.red * inverse * scale, m.green * inverse * scale, m.blue * inverse * scale",
+        "m.red * inverse * scale, m.blue * inverse * scale, m.green * inverse * scale", ("corridor", "sphere"),
     ),
     Fault(
         "corner-order", "two corners of a voxel change places, eight samples at a time",
@@ -113,6 +113,6 @@ DEVICE: tuple[Fault, ...] = (
     Fault(
         "everything-scaled", "twin and kernel agree on too much light by a share",
         "reference/pipeline/probes.py", "coefficients = gather(probes.device_rows, light.radiosity.light)",
-        "coefficients = np.float32(1.0 + SIZE) * gather(probes.device_rows, light.radiosity.light)", ALL, sizes=PERCENT,
+        "coefficients = np.float32(1.0 + SIZE) * gather(probes.device_rows, light.radiosity.light)", ENERGY, sizes=PERCENT,
     ),
 )  # fmt: skip

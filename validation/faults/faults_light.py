@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .fault import ALL, Fault
+from .fault import ENERGY, Fault
 
 SUN = ("house",)
 LAMPS = ("two-rooms", "cornell")
@@ -161,7 +161,7 @@ LIGHT: tuple[Fault, ...] = (
     ),
     Fault(
         "radiosity-scaled", "patches pass on too much light by a share", "reference/transport/radiosity.py",
-        "light=np.concatenate([b, seen_sky", "light=np.concatenate([b * (1.0 + SIZE), seen_sky", ALL, sizes=PERCENT,
+        "light=np.concatenate([b, seen_sky", "light=np.concatenate([b * (1.0 + SIZE), seen_sky", ENERGY, sizes=PERCENT,
     ),
     Fault(
         "exitance-scaled", "emitters shine too bright by a share", "reference/transport/patches.py",
@@ -170,7 +170,7 @@ LIGHT: tuple[Fault, ...] = (
     Fault(
         "albedo-scaled", "surfaces reflect too much by a share", "reference/transport/patches.py",
         "albedo = mean(_element_albedo(scene, g, cuts, e.first, triangle))",
-        "albedo = (1.0 + SIZE) * mean(_element_albedo(scene, g, cuts, e.first, triangle))", ALL, sizes=PERCENT,
+        "albedo = (1.0 + SIZE) * mean(_element_albedo(scene, g, cuts, e.first, triangle))", ENERGY, sizes=PERCENT,
     ),
     Fault(
         "direct-scaled", "lamps give too much direct light by a share", "reference/transport/direct.py",
@@ -179,10 +179,10 @@ LIGHT: tuple[Fault, ...] = (
     ),
     Fault(
         "probe-light-scaled", "probes gather too much light by a share", "reference/transport/receivers.py",
-        "    weight: float = 4.0", "    weight: float = 4.0 * (1.0 + SIZE)", ALL, sizes=PERCENT,
+        "    weight: float = 4.0", "    weight: float = 4.0 * (1.0 + SIZE)", ENERGY, sizes=PERCENT,
     ),
     Fault(
         "truth-scaled", "the reference is too bright by a share", "reference/truth/path_traced.py",
-        "weight = cosine_direction, mi.Float(dr.pi)", "weight = cosine_direction, mi.Float(dr.pi * (1.0 + SIZE))", ALL, sizes=PERCENT,
+        "weight = cosine_direction, mi.Float(dr.pi)", "weight = cosine_direction, mi.Float(dr.pi * (1.0 + SIZE))", ENERGY, sizes=PERCENT,
     ),
 )  # fmt: skip

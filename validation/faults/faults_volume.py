@@ -31,7 +31,7 @@ VOLUME: tuple[Fault, ...] = (
     ),
     Fault(
         "touched-voxels-forgotten", "voxels that surfaces touch are not subdivided unless rays find them",
-        "reference/placement/octree.py", "return index_of(touched[level], voxels) >= 0 if touched else", "return np.zeros(len(voxels), dtype=np.bool_) if touched else", ("house", *ALL),
+        "reference/placement/octree.py", "return index_of(touched[level], voxels) >= 0 if touched else", "return np.zeros(len(voxels), dtype=np.bool_) if touched else", ("corridor", "house", "two-rooms", "sphere", "cornell"),
     ),
     Fault(
         "copies-through-walls", "dead edges take light from probes behind walls",

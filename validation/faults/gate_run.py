@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from ...fastpath.device import OpenDevice
@@ -13,9 +14,12 @@ from .. import findings
 from ..bake import bake, sample_points
 from ..flight.plan import FlightPlan
 from ..flight.record import flight_metrics
-from ..flight.story import flown
+from ..flight.story import flown_through
+from ..flight.world import world
 from ..gates import Gates, Judgement, judge_scene
 from ..ground_truth import ground_truth
+from ..metrics.error import Measured
+from ..metrics.pointers import measure_pointers
 from ..metrics.validity import measure_validity
 from ..placement_sweeps import as_metric
 
@@ -38,18 +42,25 @@ def gate_metrics(scene: Scene, device: OpenDevice, seed: int, fly: bool = False)
     light = pipeline.light_patches(scene, surfaces, seed)
     octree = pipeline.place(scene, surfaces, seed)
     baked = bake(scene, device, (surfaces, light), octree, seed, silent)
+    pointers = measure_pointers(baked.texture, baked.probes.layout, seed)
+    if pointers["wrong_pointers"].value > 0.0:  # who follows them may read past the cache: nothing is sampled
+        return _entries(pointers)
     sampled = {name: sample_points(baked, points) for name, points in truth.points.items()}
-    found = dict(findings.find(baked, device, truth, sampled, seed).metrics)
+    found = dict(findings.find(baked, device, truth, sampled, seed, gated=True).metrics)
     probes, tolerance = baked.probes, scene.settings.placement.backface_tolerance
     positions, voxel = probes.octree.positions, probes.octree.grid.wanted
     validity = measure_validity(g, positions, probes.rows.back_share, voxel, tolerance, seed)
-    found |= {name: e for name, m in validity.metrics.items() if (e := as_metric(m)) is not None}
-    return found | (_flown(scene, device, seed) if fly else {})
+    return found | _entries(validity.metrics) | (_flown(scene, device, seed) if fly else {})
+
+
+def _entries(measured: Mapping[str, Measured]) -> dict[str, Any]:
+    return {name: entry for name, m in measured.items() if (entry := as_metric(m)) is not None}
 
 
 def _flown(scene: Scene, device: OpenDevice, seed: int) -> dict[str, Any]:
     """The worse of both flights, metric by metric."""
-    flights = [flight_metrics(flown(scene, device, seed, plan, silent)) for plan in FLIGHTS]
+    through = world(scene, device, seed, silent)
+    flights = [flight_metrics(flown_through(through, device, plan, silent)) for plan in FLIGHTS]
     return {name: max((f[name] for f in flights), key=lambda m: float(m["value"])) for name in flights[0]}
 
 

@@ -85,7 +85,7 @@ def _change_hash(fault: Fault, size: float | None) -> None:
 
 
 def _holds(folder: str, file: str) -> bool:
-    """Whether `cache.code_hash` of `folder` covers `file`: "a/*" are the files right in a."""
+    """Whether `cache.code_hash` of `folder` covers `file`: "a/*" are the files right in a, "a/b.py" is that file."""
     if folder.endswith("*"):
         return fnmatch(file, folder) and file.count("/") == folder.count("/")
-    return file.startswith(f"{folder}/")
+    return file == folder or file.startswith(f"{folder}/")

@@ -21,6 +21,7 @@ from .change import Lag, Still, jumps
 from .paths import Path
 from .plan import BLEND
 from .reading import Read, Reader, unlike
+from .texels import texel_deviation
 from .world import World
 
 MOVED = ("wanted", "resident", "loaded", "evicted", "missing", "hits", "bytes", "shifted_lods")
@@ -33,7 +34,8 @@ class Flight:
     answers with that level, NaN where it never did. lag: how long fixed points wait for their tiles. full (N, 3) f32: the whole
     texture without levels of detail. scale: the mean of that, W·m⁻². squares: in the picture, sums of squared differences by name,
     and of the light, over `terms` values. samples: how many were checked. twin: how far the kernel is from its plain twin at the
-    fixed points, told from the last viewer; largest difference over `scale`."""
+    fixed points, told from the last viewer; largest difference over `scale`. texels, held: how far the texels of tiles that are in the
+    cache at the end are from the plain filling (see `texels`), and how many they are."""
 
     points: int
     scale: float
@@ -46,6 +48,8 @@ class Flight:
     terms: int = 0
     samples: int = 0
     twin: float = 0.0
+    texels: float = 0.0
+    held: int = 0
 
     def note(self, **values: float) -> None:
         """Add one number to each named column."""
@@ -71,6 +75,8 @@ def fly(world: World, device: OpenDevice, texture: StreamedTexture, path: Path, 
         _fixed(flight, world, texture, fixed, position, moved)
         _seen(flight, world, texture, seen, before, position)
     flight.twin = _apart_from_twin(world, device, path.positions[-1]) / flight.scale
+    tiles, held = texture.resident_texels()
+    flight.texels, flight.held = texel_deviation(held, world.texture.texels[tiles]), held.shape[0] * held.shape[1]
     progress("flight", len(path.positions), len(path.positions))
     return flight
 

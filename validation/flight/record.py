@@ -23,6 +23,7 @@ GATED = (
     "wrong_reads",
     "unexplained",
     "twin_deviation",
+    "texel_deviation",
     "pop",
     "pop_blend",
     "flicker",
@@ -79,6 +80,7 @@ def _summary(flight: Flight) -> Iterator[tuple[str, dict[str, Any] | None]]:
     yield "wrong_reads", metric(sum(f["wrong_reads"]), None, flight.samples)
     yield "unexplained", metric(sum(f["unexplained"]), None, flight.samples)
     yield "twin_deviation", metric(flight.twin, None, flight.points)
+    yield "texel_deviation", metric(flight.texels, None, flight.held)
     for name, suffix in (
         ("streamed", ""),
         ("streamed_blend", "_blend"),

@@ -14,7 +14,7 @@ from .driver import fly
 from .paths import viewer_path
 from .plan import FlightPlan
 from .record import flight_metrics, flight_table
-from .world import world
+from .world import World, world
 
 
 def with_flight(
@@ -40,11 +40,15 @@ def flown(scene: Scene, device: OpenDevice, seed: int, plan: FlightPlan, progres
 
     Raises InputError for a scene without probes, or a budget under what the coarsest level of detail needs.
     """
-    w = world(scene, device, seed, progress)
+    return flown_through(world(scene, device, seed, progress), device, plan, progress)
+
+
+def flown_through(w: World, device: OpenDevice, plan: FlightPlan, progress: Progress) -> dict[str, Any]:
+    """The record's `fly` table of a world that is baked and lit. Raises InputError for a budget that is too small."""
     path = viewer_path(plan.path, w.places, plan.frames)
     texture = StreamedTexture(
         device, w.table, plan.budget, w.lod_distance, storage=w.storage, layout=w.layout,
-        reconstruction=scene.settings.sampling.reconstruction, check_owners=True,
+        reconstruction=w.scene.settings.sampling.reconstruction, check_owners=True,
     )  # fmt: skip
     texture.relight(w.light)
     flight = fly(w, device, texture, path, progress)

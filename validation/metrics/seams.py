@@ -16,6 +16,7 @@ meet there, found by looking a hair to each side. Three quarters lie between lev
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,16 +91,29 @@ class SeamJumps:
 
 def seam_jumps(texture: VirtualTexture, points: SeamPoints) -> SeamJumps:
     """The jumps of a virtual texture at border points."""
-    sides = np.stack([_radiance(texture, points.q, _nudged(texture, points.q, s)) for s in SIDES])
-    mean = COSINE_A0 * Y0 * np.abs(sides[..., 0]).mean(axis=(0, 2))
-    jump = np.zeros(len(points.q))
-    for a, b in itertools.combinations(range(len(sides)), 2):
-        jump = np.maximum(jump, _worst_jump(sides[a] - sides[b]))
+    n, weights = len(points.q), irradiance_weights(points.normals)
+    mean, jump, own_mean, own = (np.zeros(n) for _ in range(4))
+    for rows, meeting in _meeting(points.q):
+        q = points.q[rows]
+        sides = np.stack([_radiance(texture, q, _nudged(texture, q, s)) for s in meeting])
+        mean[rows] = COSINE_A0 * Y0 * np.abs(sides[..., 0]).mean(axis=(0, 2))
+        for a, b in itertools.combinations(range(len(sides)), 2):
+            jump[rows] = np.maximum(jump[rows], _worst_jump(sides[a] - sides[b]))
+        at_normal = np.einsum("nk,snck->snc", weights[rows], sides)
+        own_mean[rows] = np.abs(at_normal).mean(axis=(0, 2))
+        own[rows] = (at_normal.max(axis=0) - at_normal.min(axis=0)).max(axis=1)
     relative = jump / (mean + 0.01 * float(mean.mean()) + 1e-30)
-    at_normal = np.einsum("nk,snck->snc", irradiance_weights(points.normals), sides)
-    own_mean = np.abs(at_normal).mean(axis=(0, 2))
-    own = (at_normal.max(axis=0) - at_normal.min(axis=0)).max(axis=1)
     return SeamJumps(jump, relative, mean, own / (own_mean + 0.01 * float(own_mean.mean()) + 1e-30), own, own_mean)
+
+
+def _meeting(q: F64) -> Iterator[tuple[I64, F64]]:
+    """Numbers (K,) of the points `q` (N, 3) that lie on borders along the same axes, and the sides (2, 4 or 8, 3) that meet there:
+    along another axis both ways lead into the same voxel."""
+    on = q == np.round(q)
+    for axes in (SIDES > 0.0)[1:]:
+        rows = np.flatnonzero((on == axes).all(axis=1))
+        if len(rows):
+            yield rows, SIDES[(SIDES > 0.0)[:, ~axes].all(axis=1)]
 
 
 def measure_seams(texture: VirtualTexture, points: SeamPoints, suffix: str = "") -> dict[str, Measured]:
@@ -131,21 +145,27 @@ def seam_gradients(texture: VirtualTexture, points: SeamPoints, jumps: SeamJumps
     some = np.concatenate([order[: GRADIENTS // 2], rest[: GRADIENTS - GRADIENTS // 2]]).astype(np.int64)
     q, weights = points.q[some], irradiance_weights(points.normals[some])
     steepest, finer = np.zeros(len(some)), np.full(len(some), np.inf)
-    for side in SIDES:
-        lookup = _nudged(texture, q, side)
-        _, level = locate(texture, lookup, np.full(len(q), texture.level))
-        size = np.exp2(texture.level - level)[:, None]
-        inwards = np.where((np.floor(lookup / size) + 0.5) * size >= q, 0.25, -0.25) * size
-        here = _at_normal(texture, q, lookup, weights)
-        slopes = []
-        for axis in np.eye(3):
-            step = inwards * axis
-            change = _at_normal(texture, q + step, lookup, weights) - here
-            slopes.append(change / step.sum(axis=1)[:, None])
-        steepest = np.maximum(steepest, np.linalg.norm(slopes, axis=0).max(axis=1))
-        finer = np.minimum(finer, size[:, 0])
+    for rows, meeting in _meeting(q):
+        for side in meeting:
+            slope, size = _slope(texture, q[rows], _nudged(texture, q[rows], side), weights[rows])
+            steepest[rows] = np.maximum(steepest[rows], slope)
+            finer[rows] = np.minimum(finer[rows], size)
     across = finer * steepest + 1e-6 * float(jumps.own_mean.mean()) + 1e-30
     return some, np.asarray(jumps.own[some] / across)
+
+
+def _slope(texture: VirtualTexture, q: F64, lookup: F64, weights: F64) -> tuple[F64, F64]:
+    """Largest |∇Ê| (N,) over colours at `q`, by the formula of the voxel that holds `lookup`, and its size (N,), finest voxels."""
+    _, level = locate(texture, lookup, np.full(len(q), texture.level))
+    size = np.exp2(texture.level - level)[:, None]
+    inwards = np.where((np.floor(lookup / size) + 0.5) * size >= q, 0.25, -0.25) * size
+    here = _at_normal(texture, q, lookup, weights)
+    slopes = []
+    for axis in np.eye(3):
+        step = inwards * axis
+        change = _at_normal(texture, q + step, lookup, weights) - here
+        slopes.append(change / step.sum(axis=1)[:, None])
+    return np.asarray(np.linalg.norm(slopes, axis=0).max(axis=1)), size[:, 0]
 
 
 def _at_normal(texture: VirtualTexture, q: F64, lookup: F64, weights: F64) -> F64:

@@ -23,6 +23,7 @@ FIGURES: tuple[tuple[str, str, Kind], ...] = (
     ("wrong_reads", "Tiles of another place that were read", "plain"),
     ("unexplained", "Samples unlike the whole texture, no tile missing", "plain"),
     ("twin_deviation", "Kernel beside its plain twin, told from the last viewer, of the mean light", "plain"),
+    ("texel_deviation", "Texels of the cache at the end beside the plain filling", "plain"),
     ("pop", "Worst pop at a fixed point", "percent"),
     ("pop_blend", "Worst pop with blend", "percent"),
     ("pop_whole", "Worst pop with no tile ever missing", "percent"),
