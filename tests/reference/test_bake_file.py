@@ -389,12 +389,14 @@ def test_synced_before_it_is_renamed(written: Path, monkeypatch: pytest.MonkeyPa
 
 
 _ENDLESS = """
+import signal
 import sys
 import numpy as np
 from pathlib import Path
 from lightgauge.reference.bake_file import write_bake
 header = {"kind": "k", "scene": "s", "scene_hash": "h", "metadata": {}}
 arrays = {str(i): np.full(1 << 16, i, np.float32) for i in range(16)}
+signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever starts tests in the background has it ignored
 print("ready", flush=True)
 while True:
     write_bake(Path(sys.argv[1]), header, arrays)
