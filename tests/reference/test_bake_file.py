@@ -408,13 +408,15 @@ def test_ctrl_c_at_any_moment(tmp_path: Path, wait: float) -> None:
     """A real SIGINT to a process that does nothing but write: a whole file, no other file."""
     path = tmp_path / "a.bake"
     write_bake(path, HEADER, {})
-    child = subprocess.Popen(
-        [sys.executable, "-c", _ENDLESS, str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    assert child.stdout is not None and child.stdout.readline() == b"ready\n"
-    time.sleep(wait)
-    child.send_signal(signal.SIGINT)
-    error = child.communicate(timeout=60)[1]
+    command = [sys.executable, "-c", _ENDLESS, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+        try:
+            assert child.stdout is not None and child.stdout.readline() == b"ready\n"
+            time.sleep(wait)
+            child.send_signal(signal.SIGINT)
+            error = child.communicate(timeout=60)[1]
+        finally:
+            child.kill()
     assert b"KeyboardInterrupt" in error
     assert [p.name for p in tmp_path.iterdir()] == ["a.bake"]
     read_bake(path)
