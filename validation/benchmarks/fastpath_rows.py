@@ -3,7 +3,7 @@
     ratio = time of the peer / time of ours, repeat by repeat      Msamples/s = samples / device time / 10^6
 
 Against kernels by device time; against SciPy and Dr.Jit by the wall clock for both, launch and waiting included, each after a rest and
-a call that is not counted: threads that still spin from the task before slow none, and none has gone to sleep. All data lie where
+WARM_S seconds that are not counted: threads that still spin from the task before slow none, and none has gone to sleep. All data lie where
 each likes them; nothing is transferred, and results go to memory that was touched before.
 """
 
@@ -30,7 +30,7 @@ from .timing import Task, interleaved, timed
 
 SIDE, SMALL_SIDE = 128, 16
 EYE = np.array([-29.0, 3.0, 1.0])
-REPEATS, REST_S = 9, 0.05
+REPEATS, REST_S, WARM_S = 9, 0.05, 0.1
 SCIPY_SHARE = 8  # SciPy samples every eighth pixel
 # Dr.Jit's ways to the same data: widths of its textures, and whether irradiance is computed in the same kernel.
 DRJIT: dict[str, tuple[tuple[int, ...], bool]] = {
@@ -111,12 +111,15 @@ class Timed:
 
 
 def settled(task: Task) -> Task:
-    """The task with a rest before and after it, not counted: thread pools go on spinning for a while, on the next one's cores. Nor is a
-    first call, which wakes its own."""
+    """The task with a rest before and after it, not counted: thread pools go on spinning for a while, on the next one's cores. Nor are
+    calls of the first WARM_S seconds, by which cores that slept are as fast as between the frames of a renderer, for short tasks and
+    long."""
 
     def work(repeat: int) -> float:
         time.sleep(REST_S)
-        task(repeat)
+        began = time.perf_counter()
+        while time.perf_counter() - began < WARM_S:
+            task(repeat)
         taken = task(repeat)
         time.sleep(REST_S)
         return taken
