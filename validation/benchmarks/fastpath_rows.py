@@ -3,8 +3,8 @@
     ratio = time of the peer / time of ours, repeat by repeat      Msamples/s = samples / device time / 10^6
 
 Against kernels by device time; against SciPy and Dr.Jit by the wall clock for both, launch and waiting included, each after a rest and
-WARM_S seconds that are not counted: threads that still spin from the task before slow none, and none has gone to sleep. All data lie where
-each likes them; nothing is transferred, and results go to memory that was touched before.
+WARM_S seconds that are not counted: threads that still spin from the task before slow none, and none has gone to sleep. All data lie
+where each likes them; nothing is transferred, and results go to memory that was touched before.
 """
 
 from __future__ import annotations
