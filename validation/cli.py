@@ -47,7 +47,8 @@ def _guarded(arguments: Namespace) -> int:
             "error: out of memory; coarser settings need less, as in --set placement.min_voxel=1", verbs.LACKING
         )
     except KeyboardInterrupt:
-        return _tell(f"stopped; finished work is kept. To resume: {arguments.command}", verbs.STOPPED)
+        kept = "nothing of a bench is kept. Again" if arguments.verb == "bench" else "finished work is kept. To resume"
+        return _tell(f"stopped; {kept}: {arguments.command}", verbs.STOPPED)
     except BrokenPipeError:
         raise
     except ModuleNotFoundError as error:

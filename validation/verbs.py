@@ -215,7 +215,7 @@ def formfactor(arguments: Namespace) -> int:
 
 
 def bench(arguments: Namespace) -> int:
-    """Measure against peers and limits. 1 if a row misses its target."""
+    """Measure against peers and limits. 1 if a row misses its target; 3 if the machine lacks what one needs, though others are there."""
     from .benchmarks import output, registry
     from .progress_bar import ProgressBar
 
@@ -228,6 +228,8 @@ def bench(arguments: Namespace) -> int:
         print_json(result)
     else:
         print("\n".join([output.as_text(result), *(f"written: {path}" for path in written)]))
+    if result["lacking"]:
+        return LACKING
     return FAILED if registry.missed(result) else GOOD
 
 

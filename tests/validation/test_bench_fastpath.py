@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from typing import Any
 
 import numpy as np
@@ -274,6 +275,10 @@ def test_no_device_is_3(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
     assert "no OpenCL device. To mend it: pip install" in capsys.readouterr().err
     assert cli.main(["bench", "fastpath", "--row", "update_ms", "--json", "--quiet"]) == 3
     assert "not measured: update_ms: no OpenCL device" in capsys.readouterr().err
+    two = ["--row", "update_ms", "--row", "bytes_per_tile_talk"]  # one needs no device
+    assert cli.main(["bench", "fastpath", *two, "--json", "--quiet"]) == 3
+    printed = json.loads(capsys.readouterr().out)
+    assert [row["name"] for row in printed["rows"]] == ["bytes_per_tile_talk"] and printed["lacking"] == ["update_ms"]
 
 
 def test_images_on_a_device_without_them(opened: OpenDevice, small: World) -> None:

@@ -63,20 +63,23 @@ def chosen(names: Sequence[str], rows: Sequence[str]) -> tuple[list[str], list[G
 
 
 def run(names: Sequence[str], rows: Sequence[str], progress: Progress) -> dict[str, Any]:
-    """Measure. Returns {"schema", "bench", "rows", "notes"}; notes say why rows are absent, and are told at once.
+    """Measure. Returns {"schema", "bench", "rows", "notes", "lacking"}; notes say why rows are absent, and are told at once; lacking:
+    names of those that are absent because the machine lacks something.
 
     Raises EnvironmentLacks where nothing could be measured for want of something."""
     benches, groups, wanted = chosen(names, rows)
     found: list[Row] = []
     notes: list[str] = []
+    lacking: list[str] = []
     lacks: EnvironmentLacks | None = None
     for group in groups:
         names_here = wanted & set(group.names)
         try:
             found += [row for row in group.measure(names_here, progress) if row.name in names_here]
         except (CannotMeasure, EnvironmentLacks) as error:
-            lacks = error if isinstance(error, EnvironmentLacks) else lacks
             absent = [name for name in group.names if name in names_here]
+            if isinstance(error, EnvironmentLacks):
+                lacks, lacking = error, [*lacking, *absent]
             notes.append(f"not measured: {', '.join(absent)}: {error}")
             print(plain(f"lightgauge: bench: {notes[-1]}"), file=sys.stderr)
     if lacks is not None and not found:
@@ -86,6 +89,7 @@ def run(names: Sequence[str], rows: Sequence[str], progress: Progress) -> dict[s
         "bench": "+".join(benches),
         "rows": [row.as_json() for row in found],
         "notes": notes,
+        "lacking": lacking,
     }
 
 
