@@ -215,7 +215,7 @@ def formfactor(arguments: Namespace) -> int:
 
 
 def bench(arguments: Namespace) -> int:
-    """Measure against peers and limits. 1 if a row misses its target; 3 if the machine lacks what one needs, though others are there."""
+    """Measure against peers and limits. 1 if a row misses its target, 3 if the machine lacks what one needs."""
     from .benchmarks import output, registry
     from .progress_bar import ProgressBar
 
