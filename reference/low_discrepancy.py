@@ -9,6 +9,7 @@ every seed keeps each elementary interval's share exactly, and two seeds are ind
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -27,14 +28,16 @@ _POLYNOMIALS = (((0, 1), (1,)), ((1, 2), (1, 3)), ((1, 3), (1, 3, 1)))
 
 @dataclass(frozen=True, eq=False)
 class SobolTable:
-    """count: points. reversed_bits: DIMENSIONS mi.UInt32 arrays (count,), raw points with their bits reversed."""
+    """count: points. reversed_bits: flat mi.UInt32 (count · DIMENSIONS,), raw points with their bits reversed. (A point's
+    dimensions side by side: one load for them all.)"""
 
     count: int
-    reversed_bits: tuple[Any, ...]
+    reversed_bits: Any
 
 
+@cache
 def direction_numbers() -> U32:
-    """Direction numbers (DIMENSIONS, BITS) u32, most significant bit first."""
+    """Direction numbers (DIMENSIONS, BITS) u32, most significant bit first. Read-only."""
     v = np.zeros((DIMENSIONS, BITS), dtype=np.uint64)
     v[0] = [1 << (BITS - 1 - k) for k in range(BITS)]
     for d, ((a, degree), m) in enumerate(_POLYNOMIALS, start=1):
@@ -47,15 +50,19 @@ def direction_numbers() -> U32:
                 if (a >> (degree - 1 - j)) & 1:
                     value ^= int(v[d, k - j])
             v[d, k] = value
-    return v.astype(np.uint32)
+    made = v.astype(np.uint32)
+    made.flags.writeable = False
+    return made
 
 
 def sobol_points(count: int) -> U32:
     """First `count` raw Sobol points, (count, DIMENSIONS) u32, 2^-32 to the unit, in binary (not Gray-code) order."""
-    v, index = direction_numbers(), np.arange(count, dtype=np.uint32)
-    points = np.zeros((count, DIMENSIONS), dtype=np.uint32)
-    for bit in range(max(1, count - 1).bit_length()):
-        points ^= np.where((index >> np.uint32(bit) & 1)[:, None].astype(bool), v[:, bit], np.uint32(0))
+    v, points = direction_numbers(), np.zeros((count, DIMENSIONS), dtype=np.uint32)
+    for bit in range(
+        max(0, count - 1).bit_length()
+    ):  # the next 2^bit points are the first ones, this bit's numbers added
+        have = 1 << bit
+        points[have : 2 * have] = points[: min(have, count - have)] ^ v[:, bit]
     return points
 
 
@@ -66,8 +73,7 @@ def sobol_table(count: int) -> SobolTable:
     ensure_variant()
     import drjit as dr
 
-    points = sobol_points(count)
-    table = tuple(dr.brev(to_u32(points[:, d])) for d in range(DIMENSIONS))
+    table = dr.brev(to_u32(sobol_points(count)))
     dr.eval(table)
     return SobolTable(count, table)
 
@@ -77,7 +83,9 @@ def scrambled(table: SobolTable, index: Any, seed: Any, dimension: int) -> Any:
     import drjit as dr
     import mitsuba as mi
 
-    x = dr.gather(mi.UInt32, table.reversed_bits[dimension], index)
+    x = dr.gather(mi.Vector4u, table.reversed_bits, index)[
+        dimension
+    ]  # Dr.Jit loads it once, however often it is asked for
     # One well-mixed seed serves all dimensions. Its low bits decide the coarsest cells, and an odd multiplier alone leaves the
     # lowest as it is, the same in every dimension: the shift brings down high bits, which depend on the multiplier.
     own = seed * _PER_DIMENSION[dimension]

@@ -25,12 +25,13 @@ from ..progress import Progress
 from ..sh import Order
 from ..sky import SKY_BINS
 from ..visibility import Geometry
-from .accumulate import Batch, finish_batch, launch_batch
+from .accumulate import Batch, collect_batch, finish_batch, prepare_batch, start_batch
 from .hits import upload_patches
 from .patches import Patches
 from .receivers import Receivers, patch_receivers, point_receivers, probe_receivers
 
-RAYS_PER_BATCH = 1 << 21
+RAYS_PER_BATCH = 1 << 20
+RAYS_PER_LAST_BATCH = 1 << 18
 REPLICATES = 8
 
 
@@ -108,10 +109,13 @@ def form_factors(
     done: list[Batch] = []
     finished, device, pending = 0, upload_patches(g, p), None
     for rows, n in [*_batches(counts), (None, 0)]:
-        # The next batch is traced while the last one is sorted.
-        upcoming = None if rows is None else launch_batch(g, device, receivers, rows, n, REPLICATES, seed)
-        if pending is not None:
-            done.append(finish_batch(pending))
+        # The next batch is drawn up while the last one is traced, and traced while that one is summed.
+        upcoming = None if rows is None else prepare_batch(g, device, receivers, rows, n, REPLICATES, seed)
+        traced = None if pending is None else collect_batch(pending)
+        if upcoming is not None:
+            start_batch(upcoming)
+        if traced is not None:
+            done.append(finish_batch(traced))
             finished += len(done[-1].rows)
             progress(stage, finished, receivers.count)
         pending = upcoming
@@ -120,12 +124,16 @@ def form_factors(
 
 
 def _batches(counts: I64) -> list[tuple[I64 | None, int]]:
-    """Rows with equal ray counts, RAYS_PER_BATCH rays at a time."""
+    """Rows with equal ray counts: half of what is left at a time, RAYS_PER_BATCH rays at most. So little is left to sum
+    when there is nothing more to trace."""
     batches: list[tuple[I64 | None, int]] = []
     for n in np.unique(counts):
-        rows = np.flatnonzero(counts == n)
-        step = max(1, RAYS_PER_BATCH // int(n))
-        batches += [(rows[i : i + step], int(n)) for i in range(0, len(rows), step)]
+        rows, begin = np.flatnonzero(counts == n), 0
+        most, least = (max(1, rays // int(n)) for rays in (RAYS_PER_BATCH, RAYS_PER_LAST_BATCH))
+        while begin < len(rows):
+            step = min(most, max(least, (len(rows) - begin) // 2))
+            batches.append((rows[begin : begin + step], int(n)))
+            begin += step
     return batches
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from lightgauge.reference.sh import basis
-from lightgauge.reference.transport.accumulate import accumulate_plain, finish_batch, launch_batch
+from lightgauge.reference.transport.accumulate import accumulate_plain, collect_batch, finish_batch, launch_batch
 from lightgauge.reference.transport.hits import DevicePatches, upload_patches
 from lightgauge.reference.transport.receivers import Receivers, patch_receivers, probe_receivers, texel_receivers
 from lightgauge.reference.visibility import Geometry
@@ -49,7 +49,7 @@ def test_rows_are_those_of_the_plain_twin(kind: str, rays: int, replicates: int,
     assert receivers.spherical == (kind == "probes")
     if receivers.spherical:
         terms = basis(np.array(traced.directions).T.astype(np.float64))[:, :4].reshape(len(rows), rays, 4)
-    batch = finish_batch(traced)
+    batch = finish_batch(collect_batch(traced))
     np.testing.assert_array_equal(batch.rows, rows)
     at, scale = 0, receivers.weight / rays
     for r in range(len(rows)):
@@ -76,6 +76,6 @@ def test_back_share() -> None:
     """A probe in the crate, one outside of it, and one outside of the room: it sees two-sided walls' backs as surfaces."""
     g, device, _ = open_room()
     places = np.array([[0.4, 0.3, 0.3], [0.5, 0.8, 0.6], [-0.2, 0.5, 0.5]])
-    batch = finish_batch(launch_batch(g, device, probe_receivers(g, places), np.arange(3), 256, 8, 1))
+    batch = finish_batch(collect_batch(launch_batch(g, device, probe_receivers(g, places), np.arange(3), 256, 8, 1)))
     assert batch.back_share.tolist() == [1.0, 0.0, 0.0]
     assert batch.columns[: batch.lengths[0]].tolist() == [device.columns - 1]

@@ -40,6 +40,17 @@ def test_bare_rays_are_those_of_the_form_factors() -> None:
     assert len(np.unique(np.array(columns))) > 20
 
 
+def test_bare_asks_for_every_ray_in_any_number_of_launches(monkeypatch: pytest.MonkeyPatch) -> None:
+    g, p = ray_rows.patched(*CORNELL)
+    asked: list[int] = []
+    monkeypatch.setattr(ray_rows, "query_seconds", lambda g, origins, directions: asked.append(len(origins.x)) or 1.0)
+    for launches in (1, 3):
+        asked.clear()
+        monkeypatch.setattr(ray_rows, "BARE_RAYS", p.count * 64 // launches)
+        assert ray_rows.bare(g, patch_receivers(g, p), 64)(0) == len(asked) == launches
+        assert sum(asked) == p.count * 64
+
+
 def test_rays_against_embree() -> None:
     rows = {r.name: r for r in ray_rows.against_embree(CORNELL, "tiny", 0.8, 2, silent, rays=64)}
     ratio, ours, bare = (rows[f"{kind}_tiny"] for kind in ("rays_vs_embree", "mrays_per_s", "embree_mrays_per_s"))

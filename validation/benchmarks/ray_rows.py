@@ -4,8 +4,9 @@
     rays_time_exponent    = slope of log time over log rays
 
 Ours is the whole function: making the rays, tracing, columns, sorting, sums, standard errors, assembled rows. The bare
-query finds origins and directions ready in memory and writes t, prim_index and prim_uv; the rays come from the same
-receivers and scrambles, batch by batch as ours are traced, over all rows.
+query finds origins and directions ready in memory and writes t, prim_index and prim_uv to memory that was touched before;
+the rays come from the same receivers and scrambles, in the same order, over all rows. It is asked in launches of about
+BARE_RAYS rays, which serve it best: ours takes smaller ones, to sum one while it traces the next.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 from ...reference.datatypes import F64, I64
 from ...reference.progress import Progress, silent
 from ...reference.transport.accumulate import batch_rays
-from ...reference.transport.form_factors import RAYS_PER_BATCH, REPLICATES, patch_form_factors
+from ...reference.transport.form_factors import REPLICATES, patch_form_factors
 from ...reference.transport.patches import Patches, build_patches
 from ...reference.transport.receivers import Receivers, patch_receivers
 from ...reference.variant import ensure_variant
@@ -29,6 +30,7 @@ from .rows import Group, Row, Wanted, row_of
 from .timing import Task, interleaved, timed
 
 RAYS = 1024
+BARE_RAYS = 1 << 21
 RAY_COUNTS = (256, 512, 1024, 2048, 4096)
 HOUSE_2K, HOUSE_20K, CORNELL_2K = ("house", 1.8), ("house", 0.38), ("cornell", 0.032)  # patch_size, m
 SEED = 1
@@ -52,11 +54,23 @@ def rays_in_memory(receivers: Receivers, rows: I64, rays: int, replicates: int, 
     return origins, directions
 
 
+def touch(lanes: int) -> None:
+    """Leave touched memory for four arrays of `lanes` floats with Dr.Jit's allocator: form factors hand all of theirs back, and
+    the query's time should not hold the kernel's clearing of new pages."""
+    import drjit as dr
+    import mitsuba as mi
+
+    made = [mi.Float(dr.arange(mi.UInt32, lanes)) + k for k in range(4)]
+    dr.eval(made)
+    dr.sync_thread()
+
+
 def query_seconds(g: Geometry, origins: Any, directions: Any) -> float:
     """Seconds of the bare query for rays in memory."""
     import drjit as dr
     import mitsuba as mi
 
+    touch(dr.width(origins))
     begin = time.perf_counter()
     found = g.caster.ray_intersect_preliminary(mi.Ray3f(origins, directions), coherent=False)
     dr.eval(found.t, found.prim_index, found.prim_uv)
@@ -65,14 +79,13 @@ def query_seconds(g: Geometry, origins: Any, directions: Any) -> float:
 
 
 def bare(g: Geometry, receivers: Receivers, rays: int) -> Task:
-    """The bare queries of all rows, batch by batch; only the queries are timed."""
-    step = max(1, RAYS_PER_BATCH // rays)
+    """The bare queries of all rows, in launches of equal size; only the queries are timed."""
+    launches = max(1, round(receivers.count * rays / BARE_RAYS))
 
     def task(repeat: int) -> float:
         del repeat
         seconds = 0.0
-        for begin in range(0, receivers.count, step):
-            rows = np.arange(begin, min(begin + step, receivers.count))
+        for rows in np.array_split(np.arange(receivers.count), launches):
             seconds += query_seconds(g, *rays_in_memory(receivers, rows, rays, REPLICATES, SEED))
         return seconds
 
