@@ -52,6 +52,11 @@ def row_sums(f: Flows, patches: int) -> F64:
 
 def flows_of_rays(raw: FormFactors, area: F64) -> tuple[Flows, float]:
     """Both directions of each pair averaged by inverse variance, and the reciprocity defect Σ|x_ij - x_ji| / Σ x_ij."""
+    return averaged_flows(raw, area)[:2]
+
+
+def averaged_flows(raw: FormFactors, area: F64) -> tuple[Flows, float, F32]:
+    """`flows_of_rays`, and of each pair (N,) its flow as lo sees it less its flow as hi sees it, m²."""
     weight = raw.rays / area
     lo, hi, flow, squared = _both_ways(raw, area)
     w_lo, w_hi = weight[lo], np.where(lo == hi, 0.0, weight[hi])
@@ -59,11 +64,14 @@ def flows_of_rays(raw: FormFactors, area: F64) -> tuple[Flows, float]:
     w_lo /= total
     w_hi /= total
     whole = float(flow.real.sum() + flow.imag.sum())
-    different = 2.0 * float(np.abs(flow.real - flow.imag)[lo != hi].sum())
+    difference = flow.real - flow.imag
+    different = 2.0 * float(np.abs(difference)[lo != hi].sum())
     x = w_lo * flow.real + w_hi * flow.imag
+    del flow  # here memory is at its fullest
     spread = (w_lo**2 * squared.real + w_hi**2 * squared.imag).astype(np.float32)
+    del squared, w_lo, w_hi
     flows = Flows(lo, hi, x, (x / total).astype(np.float32), spread, *_outside(raw, area, weight))
-    return flows, different / whole if whole > 0.0 else 0.0
+    return flows, different / whole if whole > 0.0 else 0.0, difference.astype(np.float32)
 
 
 def _both_ways(raw: FormFactors, area: F64) -> tuple[I32, I32, C128, C128]:

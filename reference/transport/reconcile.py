@@ -5,12 +5,13 @@ A_i x_ij / N_i, independently of the rays from j. So
 
 1. both estimates are averaged with weights w_i = N_i / A_i, the inverse of their variances: no entry gets worse than the
    better one of the two, and v_ij = x_ij / (w_i + w_j) is left;
-2. rows are closed by x_ij + v_ij (λ_i + λ_j) and x_i,out + v_i,out λ_i: least squares weighted by the inverse variances
+2. low-discrepancy rays make a row's errors cancel within groups of neighbouring patches, which averaging alone gives up: what
+   each row found for such groups as a whole is brought in as further observations (group_sums.py);
+3. rows are closed by x_ij + v_ij (λ_i + λ_j) and x_i,out + v_i,out λ_i: least squares weighted by the inverse variances
    under exact linear constraints. For independent errors of these variances that lowers the variance of every linear
    function of the flows (Gauss-Markov theorem). Entries of variance 0, closed forms, stay as they are.
 
-Low-discrepancy rays make a row's errors cancel against each other; averaging gives some of that up, so what a patch
-gathers from a large even light gains less than single entries do. Tests measure both against exact form factors.
+Tests measure all of it against exact form factors.
 """
 
 from __future__ import annotations
@@ -21,14 +22,15 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
-from ..datatypes import F64
-from ..sky import SKY_BINS
-from .flows import Flows, flows_of_rays, rounding_defect, row_sums, rows_of_flows, without_entries
+from ..datatypes import F32, F64
+from .flows import Flows, averaged_flows, rounding_defect, row_sums, rows_of_flows, without_entries
 from .form_factors import FormFactors
+from .group_sums import with_group_sums
 
 CLOSURE = 1e-9  # of a row, before rounding to float32
 MAX_ITERATIONS = 2000
 ROUNDS = 20
+ROWS_AT_ONCE = 1024
 # Where pairs link patches like the two colours of a chessboard, one combination of multipliers changes no flow: the system is singular,
 # and conjugate gradients would run away along it. So much is added to the (scaled) diagonal: far below what closure asks for.
 RIDGE = 1e-8
@@ -54,26 +56,42 @@ def reconcile(raw: FormFactors, area: F64) -> Reconciled:
             f"expected one row for each of {raw.patches} patches and areas, got {raw.rows} and {len(area)}"
         )
     raw_closure = float(np.abs(raw.matrix().sum(axis=1) - 1.0).max(initial=0.0))
-    averaged, like = flows_of_rays(raw, area), without_entries(raw)
+    averaged = [averaged_flows(raw, area)]
+    like = without_entries(raw)
     del raw  # where the caller keeps it neither, memory holds one matrix less
-    return reconcile_flows(averaged, area, like, raw_closure)
+    return reconcile_flows(averaged.pop(), area, like, raw_closure)  # popped: nothing here keeps what is replaced there
 
 
-def reconcile_flows(averaged: tuple[Flows, float], area: F64, raw: FormFactors, raw_closure: float) -> Reconciled:
-    """Close flows that are reciprocal already. averaged: they, and the reciprocity defect they had. raw: where ray counts
-    and back shares come from."""
-    flows, raw_reciprocity = averaged
+def reconcile_flows(
+    averaged: tuple[Flows, float] | tuple[Flows, float, F32], area: F64, raw: FormFactors, raw_closure: float
+) -> Reconciled:
+    """Close flows that are reciprocal already. averaged: they, the reciprocity defect they had, and, where they were averaged from
+    rays (`averaged_flows`), the difference of both directions. raw: where ray counts and back shares come from."""
+    flows, raw_reciprocity, *difference = averaged
     del averaged  # what is replaced below shall not be kept
     symmetric = float(np.abs(row_sums(flows, len(area)) / area - 1.0).max(initial=0.0))
+    if difference:
+        flows = with_group_sums(flows, difference.pop(), area, raw.rays)
     flows = closed(flows, area)
+    reciprocity = rounding_defect(flows, area)  # before the rows are there, which need as much memory
     rows = rows_of_flows(flows, area, raw)
-    whole = rows.matrix() @ np.ones(rows.patches + SKY_BINS + 1)  # in double precision
-    closure = float(np.abs(whole - 1.0).max(initial=0.0))
-    return Reconciled(rows, raw_reciprocity, raw_closure, symmetric, rounding_defect(flows, area), closure)
+    closure = float(np.abs(row_totals(rows) - 1.0).max(initial=0.0))
+    return Reconciled(rows, raw_reciprocity, raw_closure, symmetric, reciprocity, closure)
+
+
+def row_totals(rows: FormFactors) -> F64:
+    """Σ_j F_ij of each row in double precision, (R,), some rows at a time: values as doubles are as large as the matrix."""
+    totals = np.zeros(rows.rows)
+    for begin in range(0, rows.rows, ROWS_AT_ONCE):
+        pointers = rows.indptr[begin : begin + ROWS_AT_ONCE + 1]
+        count = len(pointers) - 1
+        row = np.repeat(np.arange(count), np.diff(pointers))
+        totals[begin : begin + count] = np.bincount(row, rows.values[pointers[0] : pointers[-1], 0], count)
+    return totals
 
 
 def closed(flows: Flows, area: F64) -> Flows:
-    """Step 2, repeated where a correction larger than the entry itself had to be cut off at zero."""
+    """Step 3, repeated where a correction larger than the entry itself had to be cut off at zero."""
     for _ in range(ROUNDS):
         flows = _least_change(flows, area)
         cut = min(flows.x.min(initial=0.0), flows.out_x.min(initial=0.0)) < 0.0

@@ -86,18 +86,24 @@ def test_hybrid_within_the_budget(truth: Truth, seed: int) -> None:
     assert rms(dense(truth, found.laws.rows) - truth.f) < 3e-5
 
 
-def test_rays_alone_do_not_reach_it(truth: Truth) -> None:
-    """4,096 rays per patch, reconciled: 6.6e-3, 1.4e-3 and 1.5e-4 (± 10 % from seed to seed): under 1e-3 only at ρ = 0.99. Not
-    reconciled 5.5e-3, 1.4e-3, 8e-4: a lamp that patches see whole is where rays' own errors cancel best, and reconciling pays at
-    high albedo, where single entries and closure count."""
-    errors = {rho: [] for rho in RHO}
+def test_rays_alone_reach_their_own_floor(truth: Truth) -> None:
+    """4,096 rays per patch, reconciled: over 20 seeds 4.99e-3 ± 0.07e-3, 1.121e-3 ± 0.010e-3 and 1.23e-4 ± 0.04e-4 at the three
+    albedos; raw rows give 5.4e-3, 1.4e-3 and 7.4e-4. So the 1e-3 asked for is met at ρ = 0.99 only. What limits: the lamp is 25
+    patches, and a raw row's sum over them is wrong by 1.75e-3 (asserted); 1e-3 at ρ = 0.5 would take about a fifth of that. Least
+    squares with the *true* variance of every such sum, which nobody has, come to 4.85e-3, 1.09e-3 and 1.16e-4."""
+    lamp, exact = truth.e > 0.0, truth.f @ truth.e
+    of_sums, errors = [], {rho: [] for rho in RHO}
     for seed in range(3):
-        rows = reconcile(patch_form_factors(truth.g, truth.p, BUDGET, seed, silent), truth.p.area).rows
+        raw = patch_form_factors(truth.g, truth.p, BUDGET, seed, silent)
+        of_sums.append(rms(dense(truth, raw) @ lamp - exact))
+        rows = reconcile(raw, truth.p.area).rows
+        assert rms(dense(truth, rows) - truth.f) < 5.7e-4
         for rho in RHO:
             errors[rho].append(indirect_error(truth, rows, rho)[0])
-    for rho, expected in ((0.5, 6.6e-3), (0.9, 1.44e-3), (0.99, 1.5e-4)):
-        assert np.mean(errors[rho]) == pytest.approx(expected, rel=0.2), errors
-    assert min(errors[0.5]) > 1e-3 and max(errors[0.99]) < 1e-3
+    for rho, limit in ((0.5, 5.8e-3), (0.9, 1.3e-3), (0.99, 2e-4)):
+        assert max(errors[rho]) < limit, errors
+    assert min(errors[0.5]) > 1e-3 > max(errors[0.99])
+    assert 1.5e-3 < np.mean(of_sums) < 2.0e-3, of_sums
 
 
 def test_hybrid_as_a_reference(truth: Truth) -> None:

@@ -3,7 +3,8 @@
 204 quads have a published matrix, so the error is the root mean square over all pairs of F - F_true. 1,920 have none: there it is
 the root mean square of the standard errors, which tests/truth calibrates. Seconds run from the mesh to the finished rows:
 ray caster, patches, rays, closed forms, reconciling. A hybrid's `noise` is the standard error over a row; over a pair it is about
-noise / √patches.
+noise / √patches. Rays alone are as they were cast; `boxinbox_indirect_*` says what indirect light comes of them once reconciled, and of
+the hybrid with as many rays: rms error of B - E over its mean, from a dense solution, at three albedos.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from ...reference.datatypes import F64, Scene
 from ...reference.progress import Progress, silent
 from ...reference.transport.form_factors import FormFactors, patch_form_factors
 from ...reference.transport.hybrid import hybrid_form_factors
+from ...reference.transport.reconcile import reconcile
 from ...reference.variant import ensure_variant
 from .places import cube_in_cube, quad_patches, scene_of_quads, truth_file
 from .rows import Group, Row, Wanted, row_of
@@ -30,6 +32,10 @@ LARGE, LARGE_NOISE = (16, 8), 2.5e-4  # cuts of outer and inner faces; 5.3e-6 pe
 LARGE_SE, LARGE_S = 5.5e-6, 9.8  # View3D 4.0's error on 204 and seconds on 1,920 (truth/README.md)
 OUTSIDE_RAYS = 64  # rays of the hybrid: in a closed scene they only say that nothing leaves it
 REPEATS = 3
+ALBEDOS = ("0.5", "0.9", "0.99")
+BUDGET, BUDGET_NOISE = 4096, 5.2e-4  # rays per patch of all kinds, and the noise at which the hybrid stays under them
+INDIRECT_TARGET = 1e-3
+INDIRECT = tuple(f"{method}_rho_{a}" for method in ("rays", "hybrid") for a in ALBEDOS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +124,35 @@ def curve(wanted: Wanted, progress: Progress) -> Iterator[Row]:
         yield row_of(s.names[1], seconds, "s", "lower", note=note)
 
 
+def indirect_error(f: F64, emitted: F64, radiosity: F64, albedo: float) -> float:
+    """Rms error over patches of the indirect radiosity that form factors f (N, N) give, over its mean. radiosity (N,): the truth."""
+    exact = radiosity - emitted
+    found = np.linalg.solve(np.eye(len(f)) - albedo * f, emitted) - emitted
+    return float(np.sqrt(((found - exact) ** 2).mean()) / exact.mean())
+
+
+def indirect(progress: Progress, repeats: int = REPEATS) -> Iterator[Row]:
+    """Indirect light from BUDGET rays per patch, reconciled, and from a hybrid that spends no more."""
+    ensure_variant()
+    with np.load(truth_file(TRUTH), allow_pickle=False) as z:
+        truth = {name: np.array(z[name]) for name in ("quads", "E", *(f"B_rho{a}" for a in ALBEDOS))}
+    g, p, patch = quad_patches(scene_of_quads(truth["quads"]))
+    errors: dict[str, list[float]] = {name: [] for name in INDIRECT}
+    for repeat in range(repeats):
+        progress("indirect light in a cube in a cube", repeat, repeats)
+        few = patch_form_factors(g, p, OUTSIDE_RAYS, 1 + repeat, silent)
+        for method, laws in (
+            ("rays", reconcile(patch_form_factors(g, p, BUDGET, 1 + repeat, silent), p.area)),
+            ("hybrid", hybrid_form_factors(g, p, few, BUDGET_NOISE, 1 + repeat, silent).laws),
+        ):
+            f = laws.rows.matrix().toarray()[np.ix_(patch, patch)].astype(np.float64)
+            for a in ALBEDOS:
+                errors[f"{method}_rho_{a}"].append(indirect_error(f, truth["E"], truth[f"B_rho{a}"], float(a)))
+    for name, values in errors.items():
+        note = f"at most {BUDGET} rays per patch in all; rms over {len(patch)} patches, relative to their mean"
+        yield row_of(f"boxinbox_indirect_{name}", values, "relative", "lower", INDIRECT_TARGET, note)
+
+
 def large(
     progress: Progress, cuts: tuple[int, int] = LARGE, noise: float = LARGE_NOISE, repeats: int = REPEATS
 ) -> Iterator[Row]:
@@ -139,5 +174,6 @@ def large(
 
 GROUPS = (
     Group(tuple(name for s in SETTINGS for name in s.names), curve),
+    Group(tuple(f"boxinbox_indirect_{name}" for name in INDIRECT), lambda wanted, progress: indirect(progress)),
     Group(("boxinbox_1920_rms", "boxinbox_1920_s", "boxinbox_1920_cpu_s"), lambda wanted, progress: large(progress)),
 )
