@@ -102,12 +102,7 @@ class Relight:
     """
 
     def __init__(
-        self,
-        device: OpenDevice,
-        patch_rows: Rows,
-        receivers: Mapping[str, Rows],
-        albedo: F32,
-        exitance: F32,
+        self, device: OpenDevice, patch_rows: Rows, receivers: Mapping[str, Rows], albedo: F32, exitance: F32
     ) -> None:
         """patch_rows: P rows, K = 1, P + S + 1 columns; receivers: rows over the same columns, by a name other than
         "patches"; albedo, exitance (P, 3) f32, 0 ≤ albedo < 1, exitance ≥ 0, W·m⁻². Raises ValueError otherwise."""
@@ -116,8 +111,9 @@ class Relight:
         self.sky_bins = columns - self.patches - 1
         self._device, self._rows, self._receivers = device, patch_rows, dict(receivers)
         self._albedo, self._exitance = _upload(device, _padded(albedo)), _upload(device, _padded(exitance))
-        # Bounces go from one to the other; the third, with the receivers' sky, is what receivers read.
-        self._light = [_upload(device, np.zeros((columns, 4), np.float32)) for _ in range(3)]
+        # Bounces go from one to the other; then the receivers' sky takes the place of the patches' one in the last.
+        self._light = [_upload(device, np.zeros((columns, 4), np.float32)) for _ in range(2)]
+        self._events: list[Any] = []
         self._current = 0
         self._direct = _empty(device, self.patches * _TEXEL)
         counts = (("direct", self.patches), ("sky", self.sky_bins), ("seen_sky", self.sky_bins))
@@ -134,7 +130,7 @@ class Relight:
     def reset(self) -> None:
         """Forget the radiosity of earlier frames: B = 0."""
         black = np.zeros((self.patches, 4), np.float32)
-        for buffer in self._light[:2]:
+        for buffer in self._light:
             _copy(self._device.queue, buffer, black)
 
     def frame(self, direct: F32, sky: F32, seen_sky: F32, bounces: int = 1) -> Mapping[str, F32]:
@@ -147,24 +143,28 @@ class Relight:
         """
         if bounces < 1:
             raise ValueError(f"bounces must be 1 or more, got {bounces}")
+        self._events.clear()  # of the frame before; waits if that was broken off, as its copies read what is staged next
         self._stage("direct", direct)
         self._stage("sky", sky)
         self._stage("seen_sky", seen_sky)
-        queue, first_sky = self._device.queue, self.patches * _TEXEL
-        _copy(queue, self._direct, self._staged["direct"])
-        for buffer in self._light[:2]:
-            _copy(queue, buffer, self._staged["sky"], dst_offset=first_sky)
+        first_sky = self.patches * _TEXEL
+        self._send(self._direct, self._staged["direct"])
+        for buffer in self._light if bounces > 1 else [self._light[self._current]]:
+            self._send(buffer, self._staged["sky"], dst_offset=first_sky)
         for _ in range(bounces):
             source, self._current = self._light[self._current], 1 - self._current
             self._rows.bounce(source, self._albedo, self._exitance, self._direct, self._light[self._current])
-        seen = self._light[2]
-        _copy(queue, seen, self._light[self._current], byte_count=first_sky)
-        _copy(queue, seen, self._staged["seen_sky"], dst_offset=first_sky)
+        seen = self._light[self._current]
+        self._send(seen, self._staged["seen_sky"], dst_offset=first_sky)
         for name, rows in self._receivers.items():
             rows.gather(seen, self._out[name])
-            _copy(queue, self._host[name], self._out[name])
-        _copy(queue, self._host[PATCHES], seen)  # waits, so the queue is empty and the inputs may change
+            self._send(self._host[name], self._out[name])
+        _copy(self._device.queue, self._host[PATCHES], seen)  # waits, so the queue is empty and the inputs may change
         return self._views
+
+    def _send(self, target: Any, source: Any, **options: int) -> None:
+        """Enqueue a copy and go on: a wait costs PoCL's threads a nap each. Its event is kept, as one let go of early waits."""
+        self._events.append(_copy(self._device.queue, target, source, is_blocking=False, **options))
 
     def _stage(self, name: str, given: F32) -> None:
         """Check an input and put it into its RGBX array."""
@@ -199,10 +199,12 @@ def _empty(device: OpenDevice, size: int) -> Any:
     return cl.Buffer(device.context, cl.mem_flags.READ_WRITE, max(size, _TEXEL))
 
 
-def _copy(queue: Any, target: Any, source: Any, **options: int) -> None:
-    """Copy between arrays and buffers, waiting where an array takes part; an empty array is passed over: OpenCL refuses it."""
-    if all(not isinstance(side, np.ndarray) or side.size for side in (target, source)):
-        pyopencl_module().enqueue_copy(queue, target, source, **options)
+def _copy(queue: Any, target: Any, source: Any, **options: int) -> Any:
+    """Copy between arrays and buffers, waiting where an array takes part unless `is_blocking` is 0. Returns the event, None for an
+    empty array, which is passed over: OpenCL refuses it."""
+    if any(isinstance(side, np.ndarray) and not side.size for side in (target, source)):
+        return None
+    return pyopencl_module().enqueue_copy(queue, target, source, **options)
 
 
 def _upload(device: OpenDevice, array: npt.NDArray[Any]) -> Any:

@@ -368,6 +368,37 @@ def test_a_thousand_frames_allocate_nothing(device: OpenDevice, bake: Bake, monk
     assert not made
 
 
+def test_a_frame_waits_once(device: OpenDevice, bake: Bake, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each wait lets the device's threads fall asleep: five more took a quarter of a frame of the house."""
+    relight = bake.relight(device)
+    relight.frame(bake.direct, bake.sky, bake.sky)
+    waits: list[bool] = []
+    real = cl.enqueue_copy
+
+    def enqueue_copy(queue: Any, target: Any, source: Any, **options: Any) -> Any:
+        waits.append(options.get("is_blocking", True))
+        return real(queue, target, source, **options)
+
+    monkeypatch.setattr(cl, "enqueue_copy", enqueue_copy)
+    relight.frame(bake.direct, bake.sky, bake.sky, 3)
+    assert waits.count(True) == 1 and waits[-1] and len(waits) == 5 + sum(m.rows > 0 for m in bake.receivers.values())
+
+
+def test_a_frame_broken_off_leaves_no_trace(device: OpenDevice, bake: Bake, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A launch fails after copies were enqueued: they still read what the next frame stages, which must wait for them."""
+    relight = bake.relight(device)
+
+    def failing(*_: Any) -> None:
+        raise cl.MemoryError("no memory")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(relight._receivers["probes"], "gather", failing)
+        with pytest.raises(cl.MemoryError):
+            relight.frame(bake.direct * np.float32(2), bake.sky, bake.sky)
+    relight.reset()
+    close(relight.frame(bake.direct, bake.sky, bake.sky)["patches"], bake.bounced(np.zeros((P, 3))))
+
+
 def test_results_are_read_only(device: OpenDevice, bake: Bake) -> None:
     found = bake.relight(device).frame(bake.direct, bake.sky, bake.sky)
     for array in found.values():
