@@ -258,9 +258,12 @@ def test_where_the_level_did_not_change_nothing_did(device: OpenDevice, world: W
 
 def test_blending_lowers_the_pop(device: OpenDevice, world: World) -> None:
     """E8: the largest change from frame to frame, light and points at rest, viewer at 5 cm a frame. Random light is the worst
-    there is."""
+    there is. Places on borders and beyond the world, which are moved to its faces, are left out: there an edge between invalid
+    probes has no light of its own, and the rounding of a position relative to the viewer decides whether it is read at all."""
     texture = streamed(device, world, 3000)
-    p, n = points(world, START, 6)
+    p, n = (a[:3000] for a in points(world, START, 6))
+    inside = ((p > world.table.origin) & (p < world.table.origin + 64.0)).all(axis=1)
+    p, n = p[inside], n[inside]
     arrays = on_device(device, p), on_device(device, n)
     pops = {}
     for blend in (0.0, 0.25):
