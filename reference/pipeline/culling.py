@@ -7,7 +7,9 @@ under lightings that it draws itself. Seeds differ from all that results are mea
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 from scipy import sparse
@@ -62,7 +64,7 @@ def cull_probes(
     clock = Clock()
     progress("culling", 0, 1)
     s = setting(scene, surfaces, probes, points, seed)
-    choice = choose(candidates(s, norm), (s.judge, s.check), target)
+    choice = choose(candidates(s, norm), s.judge, lambda: s.check, target)
     found = without(probes, choice.culled)
     clock.lap("culling")
     culled = Culled(
@@ -84,7 +86,7 @@ def cull_probes(
 class Setting:
     """All that a choice rests on. able (R,) bool: probes with eight valid parents that nobody copies; parents (R, R): what would
     replace them; reading (R,): what the points read of each, in the mean; cluster (C,) of the columns; judge: of replacements, who
-    chooses; check: another, at other points, who has no part in the choice."""
+    chooses; make_check: makes `check`."""
 
     surfaces: Surfaces
     probes: Probes
@@ -93,7 +95,12 @@ class Setting:
     reading: F64
     cluster: I64
     judge: Judge
-    check: Judge
+    make_check: Callable[[], Judge]
+
+    @cached_property
+    def check(self) -> Judge:
+        """Another judge, at other points, who has no part in the choice; traced when first asked for."""
+        return self.make_check()
 
 
 def setting(scene: Scene, surfaces: Surfaces, probes: Probes, points: Points, seed: int) -> Setting:
@@ -113,15 +120,19 @@ def setting(scene: Scene, surfaces: Surfaces, probes: Probes, points: Points, se
     judging, checking, choosing = (np.sort(part) for part in np.split(mixed, (most, 2 * most)))
     of_probe = np.asarray(reading[choosing].sum(axis=0)).ravel() / max(len(choosing), 1)
     of_probe += UNREAD * of_probe.sum() / max(int((of_probe > 0.0).sum()), 1)
-    judges = [
-        Judge(_stage(surfaces, probes, points.part(at), reading[at].tocsr(), cluster, seed + begin))
-        for at, begin in ((judging, SEED), (checking, 2 * SEED))
-    ]
-    return Setting(surfaces, probes, able, parents.weights, of_probe, cluster, *judges)
+    factors = stacked(probes.rows.values, probes.rows.indptr, probes.rows.columns, len(cluster))
+
+    def judge(at: I64, own_seed: int) -> Judge:
+        return Judge(_stage(surfaces, points.part(at), reading[at].tocsr(), factors, cluster, own_seed))
+
+    first = judge(judging, seed + SEED)
+    return Setting(
+        surfaces, probes, able, parents.weights, of_probe, cluster, first, partial(judge, checking, seed + 2 * SEED)
+    )
 
 
 def _stage(
-    surfaces: Surfaces, probes: Probes, points: Points, reading: sparse.csr_array, cluster: I64, seed: int
+    surfaces: Surfaces, points: Points, reading: sparse.csr_array, factors: sparse.csr_array, cluster: I64, seed: int
 ) -> Stage:
     """Two halves of the points' own rays, and lightings of the columns that they see."""
     halves = [
@@ -135,8 +146,8 @@ def _stage(
     lightings = draw_lightings(seen, PER_FAMILY, seed)[:, : 3 * PER_FAMILY]  # single patches are all judged, one by one
     return Stage(
         reading,
-        irradiance_weights(points.normals, order_of(probes.rows.values.shape[1])),
-        stacked(probes.rows.values, probes.rows.indptr, probes.rows.columns, len(cluster)),
+        irradiance_weights(points.normals, order_of(factors.shape[0] // reading.shape[1])),
+        factors,
         (halves[0], halves[1]),
         lightings,
         surfaces.guess,

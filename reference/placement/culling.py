@@ -18,6 +18,7 @@ smaller thresholds are tried, by halving; at last what the second judge still fi
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,7 +59,8 @@ class Candidates:
 @dataclass(frozen=True, eq=False)
 class Choice:
     """culled (R,) bool; threshold: largest damage let through; damage (R,): predicted, infinite where culling is not possible; verdict:
-    of the judge."""
+    of the second judge about just that, zeros where nothing goes; but its `over` is from before the last mending, which took it to 0
+    at that judge's own points, and so foretells too much for others rather than nothing."""
 
     culled: Bool
     threshold: float
@@ -101,27 +103,35 @@ def replaced(c: Candidates, wanted: Bool, threshold: float = np.inf) -> tuple[sp
     return mix, culled
 
 
-def choose(c: Candidates, judges: tuple[Judge, Judge], target: float) -> Choice:
-    """The most probes that may go. judges: one to choose by, one to check the choice with."""
+def choose(c: Candidates, judge: Judge, check: Callable[[], Judge], target: float) -> Choice:
+    """The most probes that may go. judge: to choose by; check: makes the one to check the choice with, who is asked for only where
+    there is a choice."""
     able = np.flatnonzero(c.able)
     predicted = np.full(len(c.able), np.inf)
     predicted[able] = damage(c, c.parents[able], able)
     order = able[np.argsort(predicted[able], kind="stable")]
-    most = _most(c, predicted, order, judges[0], target)
-    best = Choice(np.zeros(len(c.able), dtype=np.bool_), 0.0, predicted, Verdict(0.0, 0.0, 0.0, 0.0))
+    most = _most(c, predicted, order, judge, target)
+    none = Choice(np.zeros(len(c.able), dtype=np.bool_), 0.0, predicted, Verdict(0.0, 0.0, 0.0, 0.0))
+    if most == 0:
+        return none
+    second, best = check(), none
     low, high = 0, 2 * most  # so that the first trial is with `most`
     for _ in range(TRIALS):
         middle = (low + high) // 2
         if middle == low or low == most:
             break
         threshold = float(predicted[order[middle - 1]])
-        culled = mended(c, predicted <= threshold, threshold, judges[0], target)
-        verdict = judges[1](replaced(c, culled)[0], target)
+        culled = mended(c, predicted <= threshold, threshold, judge, target)
+        verdict = second(replaced(c, culled)[0], target)
         if verdict.over <= SPARE and verdict.lit_over <= LIT_SPARE:
             low, best = middle, Choice(culled, threshold, predicted, verdict)
         else:
             high = middle
-    return dataclasses.replace(best, culled=mended(c, best.culled, np.inf, judges[1], target))
+    culled = mended(c, best.culled, np.inf, second, target)
+    if not culled.any():
+        return none
+    final = second(replaced(c, culled)[0], target)
+    return Choice(culled, best.threshold, predicted, dataclasses.replace(final, over=best.verdict.over))
 
 
 def _most(c: Candidates, predicted: F64, order: I64, judge: Judge, target: float) -> int:

@@ -95,10 +95,12 @@ def test_only_valid_probes_below_the_first_levels_go(culled: Case) -> None:
 
 
 def test_the_error_stays_within_the_target(culled: Case) -> None:
-    """Under fresh lightings of four families, at fresh points."""
+    """Under fresh lightings of four families, at fresh points; in half of the sets at least: with few points, single patches cross by
+    chance."""
     made, surfaces, before, after = culled
-    found = fresh_raises(made, surfaces, before, after, TARGET, 0)
+    found = fresh_raises(made, surfaces, before, after, TARGET, 0, 2000, 1024)
     assert np.median(found.worst) <= TARGET
+    assert (found.worst_se > 0.0).all() and found.se.shape == found.raises.shape
 
 
 def test_no_target_changes_nothing(culled: Case) -> None:

@@ -95,9 +95,22 @@ def test_mending_leaves_no_patch_over_and_takes_back_few(made: tuple[Candidates,
 def test_the_second_judge_has_the_last_word(made: tuple[Candidates, tuple[Judge, Judge]]) -> None:
     """What is chosen passes both; more goes than by the threshold alone; where nobody may go, nobody goes."""
     c, judges = made
-    found = choose(c, judges, TARGET)
+    found = choose(c, judges[0], lambda: judges[1], TARGET)
     mix = replaced(c, found.culled)[0]
     assert found.culled.sum() > 10 and found.verdict.over <= 0.02
     assert all(judge(mix, TARGET).over <= 0.02 for judge in judges)
-    nothing: Choice = choose(c, judges, 1e-9)
+    final = judges[1](mix, TARGET)
+    assert (found.verdict.worst, found.verdict.own) == (final.worst, final.own), (
+        "about what goes, after the last mending"
+    )
+    assert found.verdict.over >= final.over, "but for what that mending itself took to nothing"
+
+
+def test_nobody_checks_where_there_is_no_choice(made: tuple[Candidates, tuple[Judge, Judge]]) -> None:
+    """Where nobody may go, nobody goes, and the second judge, who traces rays, is not made."""
+
+    def check() -> Judge:
+        raise AssertionError("nothing to check")
+
+    nothing: Choice = choose(made[0], made[1][0], check, 1e-9)
     assert not nothing.culled.any() and nothing.verdict.over == 0.0

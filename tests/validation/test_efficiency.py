@@ -15,6 +15,7 @@ from lightgauge.reference.volume.sampler import sample
 from lightgauge.validation.efficiency.curve import GridRow, cost_at
 from lightgauge.validation.efficiency.eta import eta
 from lightgauge.validation.efficiency.lazy_grid import census, sample_grid
+from lightgauge.validation.efficiency.paired import paired_eta
 from lightgauge.validation.metrics.error import Measured
 from small_scenes import box, material, scene
 
@@ -107,3 +108,47 @@ def test_eta_loses_what_a_larger_error_would_save_a_grid() -> None:
     worse = 0.2 + np.hypot(0.01, 0.03)
     assert eta(noisy, KEY, "probes", 5.0, Measured(0.2, 0.01, 100)).se == pytest.approx((0.2**-3 - worse**-3) / 5.0)
     assert found.bound == ""
+
+
+def noisy_grids(rng: np.random.Generator, placements: int, common: F64) -> tuple[F64, list[float], list[F64]]:
+    """Ours and grids whose mean squared errors are those of `power_law`, ours as good as three times its 80 probes, times noise of each
+    placement (30 %) and of each block of points, the same for all (`common` (B,))."""
+    costs = [80.0, 160.0, 320.0, 640.0, 1280.0]
+
+    def squares(cost: float) -> F64:
+        each = np.exp(0.3 * rng.normal(size=(placements, 1)) + 0.05 * rng.normal(size=(placements, len(common))))
+        return np.asarray(cost ** (-2 / 3) * each * common)
+
+    return squares(240.0), costs, [squares(cost) for cost in costs]
+
+
+def test_paired_eta_is_exact_on_a_power_law() -> None:
+    ones = np.ones((2, 4))
+    costs = [60.0, 120.0, 240.0, 480.0]
+    found = paired_eta(50.0, 150.0 ** (-2 / 3) * ones, costs, [c ** (-2 / 3) * ones for c in costs])
+    assert found is not None and found.value == pytest.approx(3.0) and found.slope == pytest.approx(-1 / 3)
+    assert found.se == pytest.approx(0.0, abs=1e-9) and found.grids == 4
+
+
+def test_paired_eta_is_not_given_beyond_the_grids() -> None:
+    ones = np.ones((2, 4))
+    costs = [60.0, 120.0, 240.0, 480.0]
+    grids = [c ** (-2 / 3) * ones for c in costs]
+    assert paired_eta(50.0, 1000.0 ** (-2 / 3) * ones, costs, grids) is None
+    assert paired_eta(50.0, 150.0 ** (-2 / 3) * ones, costs[:2], grids[:2]) is None
+
+
+def test_paired_eta_has_honest_intervals() -> None:
+    """What points do to both placements alike does not count, what lattices do does: 95 % of intervals hold η, and none is far too
+    wide."""
+    rng = np.random.default_rng(5)
+    held, widths, spread = [], [], []
+    for _ in range(25):
+        own, costs, grids = noisy_grids(rng, 8, np.exp(rng.normal(size=20)))
+        found = paired_eta(80.0, own, costs, grids)
+        assert found is not None
+        held.append(found.interval[0] <= 3.0 <= found.interval[1])
+        widths.append(found.se)
+        spread.append(np.log(found.value / 3.0))
+    assert np.mean(held) >= 0.8
+    assert np.median(widths) == pytest.approx(np.std(spread), rel=0.5)

@@ -1,13 +1,13 @@
 """Culling by form factors: what goes, what it does to light that was never seen, and whether its prediction is worth anything.
 
 culled_share_SCENE         valid probes that the product itself culls at cull_error = 0.02, over all valid ones; 0 where the fresh
-                           raise is over 0.02
-culled_raise_SCENE         largest raise of the error under any of 40 fresh lightings at fresh points; median of five sets of 40
+                           raise is over 0.02 in any of five sets of lightings
+culled_raise_SCENE         largest raise of the error at fresh points under any of 40 fresh lightings, in the worst of five sets of 40
 culled_patches_over_SCENE  share of single patches, each as likely as the other, that alone would raise it by more than 0.02
 cull_s_house               seconds of the culling of house
 culled_rank_correlation    Spearman, predicted against realised by other rays; median over scenes × families of lightings
 culled_coverage, culled_overshoot   P(r ≤ p) and the 99th percentile of r/p, p as a share of the probe's own row; the same median
-culled_bound_holds         share of probes × lightings within ‖ΔF‖₁ B_max, on the bake's rows
+culled_bound_holds         share of probes × lightings where the change, by fresh rays, is within the ‖ΔF‖₁ B_max of the bake's own rows
 """
 
 from __future__ import annotations
@@ -25,8 +25,10 @@ from ...reference.placement.norms import NORMS
 from ...reference.progress import Progress
 from ...reference.variant import ensure_variant
 from ..chart import with_placement
-from ..culling.fresh import PER_FAMILY, SETS, Fresh, fresh_raises
-from ..culling.honesty import Bound, Honest, bound, honesty
+from ..culling.bounds import Bound, bound
+from ..culling.fresh import PER_FAMILY, SETS, SINGLE, Fresh, fresh_raises
+from ..culling.honesty import Honest, honesty
+from ..culling.retraced import retrace
 from .places import bundled
 from .rows import Group, Row, Wanted, row_of
 
@@ -71,17 +73,28 @@ def scene_rows(name: str, case: Case, fresh: Fresh) -> Iterator[Row]:
     culled, worst = case.after.culled, fresh.worst
     assert culled is not None
     kept = worst <= CULL_ERROR
-    passed = float(np.median(worst)) <= CULL_ERROR
     families = ", ".join(f"{family} {value:.2%}" for family, value in fresh.by_family().items())
     note = (
         f"{culled.probes} of {int(case.before.valid.sum())} valid probes, {culled.able} have eight valid parents; "
         f"{culled.bytes >> 10} KiB freed of {case.before.rows.bytes >> 10}; {int(kept.sum())} of {SETS} sets of "
         f"{4 * PER_FAMILY} lightings stay within {CULL_ERROR}"
     )
-    yield row_of(f"culled_share_{name}", case.share if passed else 0.0, "share", "higher", TARGETS[name], note)
+    yield row_of(f"culled_share_{name}", case.share if kept.all() else 0.0, "share", "higher", TARGETS[name], note)
     said = f"{fresh.points} points; largest of all {SETS} sets: {families}"
-    yield row_of(f"culled_raise_{name}", worst, "share", "lower", CULL_ERROR, said)
-    yield row_of(f"culled_patches_over_{name}", fresh.patches_over, "share", "lower", note=said)
+    few = f"{min(SINGLE, fresh.points)} points: part of it is their noise, which alone takes some patches over"
+    sets = ", ".join(f"{value:.2%} ± {se:.2%}" for value, se in zip(worst, fresh.worst_se, strict=True))
+    spread = float(np.subtract(*np.percentile(worst, (75.0, 25.0)))) / 2.0
+    yield Row(
+        f"culled_raise_{name}",
+        float(worst.max()),
+        "share",
+        CULL_ERROR,
+        "lower",
+        spread,
+        SETS,
+        f"{said}; by set: {sets}",
+    )
+    yield row_of(f"culled_patches_over_{name}", fresh.patches_over, "share", "lower", note=few)
 
 
 def seconds(case: Case) -> Iterator[Row]:
@@ -107,8 +120,11 @@ def norm_rows(found: list[Honest], bounds: list[Bound]) -> Iterator[Row]:
     yield row_of("culled_coverage", [h.coverage for h in mine], "share", "higher", note=_each(mine, "coverage"))
     yield row_of("culled_overshoot", [h.overshoot for h in mine], "ratio", "lower", note=_each(mine, "overshoot"))
     lightings = min(b.lightings for b in bounds)
-    closest = max(b.closest for b in bounds)
-    said = f"{lightings} lightings a scene or more; the nearest comes to {closest:.2f} of the bound"
+    closest, noise = max(b.closest for b in bounds), max(b.noise for b in bounds)
+    said = (
+        f"{lightings} lightings a scene or more; by fresh rays the nearest comes to {closest:.2f} of the bake's bound; their noise, "
+        f"which is not subtracted, is {noise:.3f} of it"
+    )
     yield row_of("culled_bound_holds", min(b.held for b in bounds), "share", "higher", 1.0, said)
 
 
@@ -138,8 +154,9 @@ def culling(wanted: Wanted, progress: Progress) -> Iterator[Row]:
             points = training_points(case.scene, case.surfaces, SEED)
             assert points is not None
             judged = setting(case.scene, case.surfaces, case.before, points, SEED)
-            found += honesty(judged, SEED)
-            bounds.append(bound(judged, SEED))
+            fresh_rows = retrace(judged, SEED)
+            found += honesty(judged, fresh_rows, SEED)
+            bounds.append(bound(judged, fresh_rows, SEED))
     progress("culling", len(TARGETS), len(TARGETS))
     if norms:
         yield from norm_rows(found, bounds)

@@ -1,11 +1,13 @@
 """Placement efficiency η: how many more probes a uniform grid needs for the error of the scene's own placement.
 
-Both at SHIFTS random placements of their lattice and at the best of the same sample offsets, chosen by the error that is compared; the
-spread of a row holds the noise of the points and that of both placements. `eta_house` and `eta_valley` are at equal relRMSE over the
-cameras, `eta_cornell` at equal placement-only error, because there the floor of L1 is most of the rest. `_inside` and `_outside`: each
-camera of house for itself. `_placement`: at equal placement-only error. `_valid`, `_bytes`, `_update`: by valid probes, bytes of form
-factors and texture, by the time of an update. Near the floor of L1 the grids' curve is flat and η by total error says little more than
-that grids do not get there; the placement-only rows do not suffer from that.
+Both at as many random placements (SHIFTS) of their lattice and at the best of the same sample offsets, chosen by the error that is
+compared; the spread of a row holds the noise of the points and that of both placements. `eta_house` and `eta_valley` are at equal
+relRMSE over the cameras, `eta_cornell` at equal placement-only error, because there the floor of L1 is most of the rest. `_inside` and
+`_outside`: each camera of house for itself. `_placement`: at equal placement-only error. `_valid`, `_bytes`, `_update`: by valid
+probes, bytes of form factors and texture, by the time of an update. Near the floor of L1 the grids' curve is flat and η by total error
+says little more than that grids do not get there; the placement-only rows do not suffer from that. They are read off a line through
+the grids near in error, with points and placements taken into account together (`efficiency.paired`); the others between the two
+nearest grids.
 """
 
 from __future__ import annotations
@@ -22,12 +24,13 @@ from ...reference.variant import ensure_variant
 from ..efficiency.curve import OFFSETS, Cost, GridRow, Key, bracketing_curve
 from ..efficiency.eta import eta
 from ..efficiency.judged import judges
+from ..efficiency.paired import paired_eta
 from ..efficiency.placements import Reached, random_shifts, reached
 from ..ground_truth import ground_truth
 from .places import bundled
 from .rows import Group, Row, Wanted
 
-SHIFTS = 5
+SHIFTS: Mapping[str, int] = {"cornell": 12, "house": 5, "valley": 5}  # what is near to its target needs more of them
 STEP, MOST = 2.0**0.5, 9
 SEED = 0
 COSTS: Mapping[str, Cost] = {"": "probes", "_valid": "valid_probes", "_bytes": "bytes", "_update": "entries"}
@@ -60,11 +63,12 @@ def efficiency(scene_name: str, wanted: Wanted, progress: Progress) -> Iterator[
     surfaces = pipeline.bake_surfaces(scene, SEED, progress)
     light = pipeline.light_patches(scene, surfaces, SEED, progress)
     asked = list(judges(scene, truth, ("camera", "surface")))
-    shifts = random_shifts(scene, surfaces, SHIFTS, SEED)
+    count = SHIFTS[scene_name]
+    shifts = random_shifts(scene, surfaces, count, SEED)
     ours = reached(scene, device, (surfaces, light), truth, asked, shifts, SEED, progress, offsets=OFFSETS)
     wanted_errors = {key: ours.error[key].value for key in JUDGED[scene_name].values()}
     curve = bracketing_curve(
-        scene, surfaces, light, truth, asked, wanted_errors, ours.cost["probes"], STEP, MOST, SHIFTS, SEED, progress
+        scene, surfaces, light, truth, asked, wanted_errors, ours.cost["probes"], STEP, MOST, count, SEED, progress
     )
     for row, key in JUDGED[scene_name].items():
         for suffix, cost in COSTS.items():
@@ -72,7 +76,7 @@ def efficiency(scene_name: str, wanted: Wanted, progress: Progress) -> Iterator[
 
 
 def _row(name: str, curve: list[GridRow], ours: Reached, key: Key, cost: Cost) -> Row:
-    error = ours.error[key]
+    error, placements = ours.error[key], len(ours.each[key])
     uncertain = dataclasses.replace(error, se=math.hypot(error.se, ours.spread(key)))
     found = eta(curve, key, cost, ours.cost[cost], uncertain)
     note = (
@@ -81,7 +85,19 @@ def _row(name: str, curve: list[GridRow], ours: Reached, key: Key, cost: Cost) -
         f"{ours.cost['probes']:.0f} probes, {ours.cost['valid_probes']:.0f} valid; grids "
         + ", ".join(f"{r.voxel:.3g} m {r.cost['probes']:.0f} {r.error[key]:.2%}" for r in curve)
     )
-    return Row(name, found.value, "x", TARGETS.get(name), "higher", found.se, SHIFTS, note)
+    paired = None
+    if key[1] == "placement":
+        paired = paired_eta(
+            ours.cost[cost], ours.blocks[key], [r.cost[cost] for r in curve], [r.blocks[key] for r in curve]
+        )
+    if paired is None:
+        return Row(name, found.value, "x", TARGETS.get(name), "higher", found.se, placements, note)
+    low, high = paired.interval
+    said = (
+        f"{low:.2f} to {high:.2f} at two standard errors of log η: {paired.points:.3f} by points, {paired.ours:.3f} by our "
+        f"placements, {paired.theirs:.3f} by the grids'; line through {paired.grids} grids, slope {paired.slope:.2f}; "
+    )
+    return Row(name, paired.value, "x", TARGETS.get(name), "higher", paired.value * paired.se, placements, said + note)
 
 
 GROUPS = tuple(Group(names(scene), partial(efficiency, scene)) for scene in JUDGED)

@@ -16,23 +16,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse, stats
+from scipy import stats
 
-from ...reference.datatypes import F64, I64
-from ...reference.directions import sphere
+from ...reference.datatypes import F64
 from ...reference.pipeline.culling import Setting, candidates
 from ...reference.placement.lightings import FAMILIES, draw_lightings, noticed
 from ...reference.placement.norms import MEAN_SQUARE, NORMS, Difference
-from ...reference.progress import silent
-from ...reference.sh import irradiance_weights
-from ...reference.transport.form_factors import FormFactors, probe_form_factors
+from .retraced import SEED, Retraced
 
-PROBES, RAYS = 300, 8192
 PER_FAMILY = 50
-BOUND_LIGHTINGS = 1000
 DIM = 0.01
-WORST_NORMALS = 32
-SEED = 900
 
 
 @dataclass(frozen=True)
@@ -47,26 +40,10 @@ class Honest:
     probes: int
 
 
-@dataclass(frozen=True)
-class Bound:
-    """held: share of probes × lightings where |ΔE| ≤ ‖ΔF‖₁ B_max at a normal; closest: largest ratio of the two."""
-
-    held: float
-    closest: float
-    lightings: int
-
-
-def some_able(s: Setting, seed: int, most: int = PROBES) -> I64:
-    """Numbers of at most `most` probes that could be culled."""
-    able = np.flatnonzero(s.able)
-    return np.sort(np.random.default_rng([seed, 67]).choice(able, min(most, len(able)), replace=False))
-
-
-def honesty(s: Setting, seed: int, rays: int = RAYS, most: int = PROBES) -> list[Honest]:
+def honesty(s: Setting, fresh: Retraced, seed: int) -> list[Honest]:
     """All norms over all families."""
-    chosen = some_able(s, seed, most)
-    found = []
-    truth = _realised(s, chosen, seed, rays)
+    chosen, found = fresh.chosen, []
+    truth = _realised(fresh, seed)
     for name, norm in NORMS.items():
         c = candidates(s, norm)
         mix, rows = s.parents[chosen], c.rows
@@ -103,30 +80,16 @@ class _Truth:
         return float((ratio[lit] <= 1.0).mean()), float(np.quantile(ratio[known], 0.99)) if known.any() else 0.0
 
 
-def _realised(s: Setting, chosen: I64, seed: int, rays: int) -> _Truth:
-    """What becomes of probes `chosen` (n,), by rays of their own."""
-    mix = s.parents[chosen]
-    needed = np.unique(np.concatenate([chosen, mix.indices]))
-    at, mix = np.searchsorted(needed, chosen), mix[:, needed]
-    positions = s.probes.octree.positions[needed]
-    halves = [
-        probe_form_factors(s.surfaces.geometry, s.surfaces.patches, positions, rays, seed + SEED + h, silent)
-        for h in (0, 1)
-    ]
-    seen = np.maximum(sum(np.asarray(h.matrix(0).sum(axis=0)).ravel() for h in halves), 0.0)
-    seen[-1] = 0.0
-    lightings = draw_lightings(seen, PER_FAMILY, seed + SEED)
-    here = [_gathered(h, lightings) for h in halves]
-    change = [h[at] - (mix @ h.reshape(len(needed), -1)).reshape(h[at].shape) for h in here]
-    light = _square(here[0][at], here[1][at])
-    squares = _square(change[0], change[1]) / light.mean(axis=0)
-    realised = squares.reshape(len(chosen), len(FAMILIES), PER_FAMILY).mean(axis=2)
-    realised[:, FAMILIES.index("patch")] = _single(halves, at, mix, seen)
-    return _Truth(realised, np.sqrt(np.maximum(light, 0.0)), np.sqrt(np.maximum(_square(change[0], change[1]), 0.0)))
-
-
-def _gathered(rows: FormFactors, lightings: F64) -> F64:
-    return np.stack([rows.matrix(k) @ lightings for k in range(4)], axis=1)
+def _realised(fresh: Retraced, seed: int) -> _Truth:
+    """What becomes of the probes, by rays of their own."""
+    lightings = draw_lightings(fresh.seen, PER_FAMILY, seed + SEED)
+    here = [fresh.gathered(half, lightings) for half in (0, 1)]
+    change = [fresh.changed(gathered) for gathered in here]
+    light = _square(here[0][fresh.at], here[1][fresh.at])
+    squares = _square(change[0], change[1])
+    realised = (squares / light.mean(axis=0)).reshape(len(fresh.chosen), len(FAMILIES), PER_FAMILY).mean(axis=2)
+    realised[:, FAMILIES.index("patch")] = _single(fresh)
+    return _Truth(realised, np.sqrt(np.maximum(light, 0.0)), np.sqrt(np.maximum(squares, 0.0)))
 
 
 def _square(a: F64, b: F64) -> F64:
@@ -134,37 +97,13 @@ def _square(a: F64, b: F64) -> F64:
     return np.asarray(np.einsum("nkm,nkm,k->nm", a, b, MEAN_SQUARE))
 
 
-def _single(halves: list[FormFactors], at: I64, mix: sparse.csr_array, seen: F64) -> F64:
+def _single(fresh: Retraced) -> F64:
     """Mean over single patches, drawn by the light they send, of (‖ΔE‖ / Ē)², (n,)."""
-    light, change = np.zeros(len(seen)), []
+    light, change = np.zeros(len(fresh.seen)), []
     for k in range(4):
-        a, b = (h.matrix(k).astype(np.float64) for h in halves)
-        light += MEAN_SQUARE[k] * np.asarray(a[at].multiply(b[at]).mean(axis=0)).ravel()
-        change.append(MEAN_SQUARE[k] * (a[at] - mix @ a).multiply(b[at] - mix @ b))
-    known = noticed(seen) & (light > 0.0)
-    weights = np.divide(seen, light, out=np.zeros(len(seen)), where=known) / seen[known].sum()
+        a, b = (half.matrix(k).astype(np.float64)[fresh.at] for half in fresh.halves)
+        light += MEAN_SQUARE[k] * np.asarray(a.multiply(b).mean(axis=0)).ravel()
+        change.append(MEAN_SQUARE[k] * fresh.difference(0, k).multiply(fresh.difference(1, k)))
+    known = noticed(fresh.seen) & (light > 0.0)
+    weights = np.divide(fresh.seen, light, out=np.zeros(len(fresh.seen)), where=known) / fresh.seen[known].sum()
     return np.asarray(sum(part @ weights for part in change), dtype=np.float64)
-
-
-def bound(s: Setting, seed: int, lightings: int = BOUND_LIGHTINGS, most: int = PROBES) -> Bound:
-    """|ΔE(n)| ≤ ‖ΔF‖₁ B_max on the bake's own rows: random lightings and normals, and for each probe the lighting that comes
-    nearest to it at any of WORST_NORMALS normals."""
-    chosen = some_able(s, seed, most)
-    c = candidates(s, NORMS["worst"])
-    delta = (s.parents[chosen] @ c.rows - c.rows[chosen]).tocsr()
-    most_of = NORMS["worst"].of(Difference(delta, None, c.weights))
-    parts = [delta[:, k::4].tocsr() for k in range(4)]
-    seen: F64 = np.asarray(abs(c.rows[:, ::4]).sum(axis=0), dtype=np.float64).ravel()
-    drawn = draw_lightings(seen, -(-lightings // len(FAMILIES)), seed + SEED)
-    normals = irradiance_weights(sphere(np.random.default_rng([seed, 71]).random((drawn.shape[1], 2))))
-    change = np.stack([part @ drawn for part in parts], axis=1)
-    ratio = np.abs(np.einsum("nkm,mk->nm", change, normals)) / drawn.max(axis=0) / most_of[:, None]
-    nearest = np.stack([_adversarial(parts, weights) for weights in normals[:WORST_NORMALS]]).max(axis=0) / most_of
-    every = np.concatenate([ratio.ravel(), nearest])
-    return Bound(float((every <= 1.0 + 1e-6).mean()), float(every.max()), drawn.shape[1] + len(chosen))
-
-
-def _adversarial(parts: list[sparse.csr_array], weights: F64) -> F64:
-    """Largest |ΔE| (n,) at a normal when every patch is at B_max = 1 or dark, whichever makes it worse."""
-    each = sum(w * part for w, part in zip(weights, parts, strict=True))
-    return np.maximum(each.maximum(0.0).sum(axis=1), (-each).maximum(0.0).sum(axis=1))

@@ -7,7 +7,7 @@ errors are averaged over the shifts, and of the offsets the best counts.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -31,12 +31,14 @@ Key = tuple[str, Kind]
 class GridRow:
     """One size of voxel, m. cost: probes, valid ones, and form factors of the valid ones, bytes of both and of a plain 3D
     texture, means over shifts.
-    error: relative RMSE by judge and kind at the best offset; se: its standard error, from the shifts."""
+    error: relative RMSE by judge and kind at the best offset; se: its standard error, from the shifts; blocks: mean squares there, by
+    shift and block of points (shifts, B), see `Judge.blocks`."""
 
     voxel: float
     cost: Mapping[Cost, float]
     error: Mapping[Key, float]
     se: Mapping[Key, float]
+    blocks: Mapping[Key, F64] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,8 @@ def grid_row(
     rng = np.random.default_rng([seed, 29, int(voxel * 1e6)])
     bounds = pipeline.probe_bounds(scene, surfaces.geometry)
     sizes: list[GridSize] = []
-    squares = np.zeros((shifts, len(OFFSETS), len(asked), len(KINDS)))
+    keys: list[Key] = [(j.name, kind) for j in asked for kind in KINDS]
+    tried: dict[Key, list[list[F64]]] = {key: [] for key in keys}
     for s in range(shifts):
         grid = make_grid(*bounds, voxel, rng.random(3))
         sizes.append(census(scene, surfaces, light, grid, seed + s))
@@ -64,18 +67,20 @@ def grid_row(
             name: sample_grid(scene, surfaces, light, grid, truth.points[name], OFFSETS, seed + s)
             for name in dict.fromkeys(j.points for j in asked)
         }
-        for o in range(len(OFFSETS)):
-            squares[s, o] = [[j.mse(found[j.points][o], kind) for kind in KINDS] for j in asked]
-    mean = np.maximum(squares.mean(axis=0), 0.0)
-    best = mean.argmin(axis=0)
+        for j in asked:
+            for kind in KINDS:
+                tried[j.name, kind].append([j.blocks(found[j.points][o], kind) for o in range(len(OFFSETS))])
     error: dict[Key, float] = {}
     se: dict[Key, float] = {}
-    for i, j in enumerate(asked):
-        for k, kind in enumerate(KINDS):
-            error[j.name, kind] = float(np.sqrt(mean[best[i, k], i, k]))
-            each = np.sqrt(np.maximum(squares[:, best[i, k], i, k], 0.0))
-            se[j.name, kind] = float(each.std(ddof=1) / np.sqrt(shifts)) if shifts > 1 else 0.0
-    return GridRow(voxel, _mean_cost(sizes), error, se)
+    blocks: dict[Key, F64] = {}
+    for key in keys:
+        squares = np.array(tried[key])  # (shifts, offsets, B)
+        best = int(squares.mean(axis=(0, 2)).argmin())
+        blocks[key] = squares[:, best]
+        error[key] = float(np.sqrt(max(blocks[key].mean(), 0.0)))
+        each = np.sqrt(np.maximum(blocks[key].mean(axis=1), 0.0))
+        se[key] = float(each.std(ddof=1) / np.sqrt(shifts)) if shifts > 1 else 0.0
+    return GridRow(voxel, _mean_cost(sizes), error, se, blocks)
 
 
 def _mean_cost(sizes: Sequence[GridSize]) -> dict[Cost, float]:

@@ -15,6 +15,7 @@ from ...reference.datatypes import F64, Bool, Scene
 from ...reference.truth.points import PointSet
 from ..ground_truth import GroundTruth
 from ..metrics.error import Measured, cross_half_mse, measure_error
+from ..statistics.jackknife import mixed_blocks
 
 Kind = Literal["total", "placement"]
 KINDS: tuple[Kind, ...] = ("total", "placement")
@@ -29,10 +30,16 @@ class Judge:
     mask: Bool
     batches: Mapping[Kind, F64]
 
-    def mse(self, ours: F64, kind: Kind) -> float:
-        """Mean square error of `ours` (N, 3), relative to the squared mean of the reference."""
+    def blocks(self, ours: F64, kind: Kind) -> F64:
+        """Mean square error of `ours` (N, 3) in each block of points (B,), relative to the squared mean of the whole reference. The
+        blocks
+        are always the same and equally large: their mean is that of all points, and two placements can be compared block by block."""
         reference = self.batches[kind]
-        return cross_half_mse(ours[self.mask], reference) / float(reference.mean()) ** 2
+        block = mixed_blocks(reference.shape[1])
+        mine = ours[self.mask]
+        return np.array(
+            [cross_half_mse(mine[block == b], reference[:, block == b]) for b in range(int(block.max()) + 1)]
+        ) / (float(reference.mean()) ** 2)
 
     def error(self, ours: F64, kind: Kind) -> Measured:
         """Relative RMSE of `ours` (N, 3) with its standard error."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -26,12 +26,13 @@ Place = Callable[[Scene, pipeline.Surfaces, F64], Octree]
 class Reached:
     """cost: mean over shifts. error: root of the mean square over shifts, by judge and kind, at the best of the offsets tried; its se
     is that of the points. each: the errors of the shifts one by one there. offset: that offset, finest voxels, None for the scene's
-    own."""
+    own. blocks: mean squares there, by shift and block of points (S, B), see `Judge.blocks`."""
 
     cost: Mapping[Cost, float]
     error: Mapping[Key, Measured]
     each: Mapping[Key, tuple[float, ...]]
     offset: Mapping[Key, float | None]
+    blocks: Mapping[Key, F64] = field(default_factory=dict)
 
     def spread(self, key: Key) -> float:
         """Standard error of `error` from the shifts, which lay their lattices independently; 0 where there is one."""
@@ -63,6 +64,7 @@ def reached(
     scene's own; as for grids (`curve.grid_row`) the one with the smallest mean square over the shifts counts, judge by judge."""
     costs: list[Mapping[Cost, float]] = []
     errors: dict[Key, list[list[Measured]]] = {(j.name, kind): [[] for _ in offsets] for j in asked for kind in KINDS}
+    blocks: dict[Key, list[list[F64]]] = {key: [[] for _ in offsets] for key in errors}
     for number, shift in enumerate(shifts):
         progress("placements", number, len(shifts))
         baked = bake(scene, device, lit, place(scene, lit[0], shift), seed + number, silent)
@@ -75,6 +77,7 @@ def reached(
             for j in asked:
                 for kind in KINDS:
                     errors[j.name, kind][o].append(j.error(found[j.points], kind))
+                    blocks[j.name, kind][o].append(j.blocks(found[j.points], kind))
     progress("placements", len(shifts), len(shifts))
     cost: dict[Cost, float] = {name: float(np.mean([c[name] for c in costs])) for name in costs[0]}
     means = {key: [_mean(values) for values in tried] for key, tried in errors.items()}
@@ -84,6 +87,7 @@ def reached(
         {key: tried[best[key]] for key, tried in means.items()},
         {key: tuple(m.value for m in tried[best[key]]) for key, tried in errors.items()},
         {key: offsets[o] for key, o in best.items()},
+        {key: np.array(blocks[key][o]) for key, o in best.items()},
     )
 
 
