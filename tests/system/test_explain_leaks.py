@@ -19,6 +19,7 @@ from lightgauge.validation import run as run_module
 from lightgauge.validation.cli_parser import build_parser
 from lightgauge.validation.leaks.measured import dark_boxes
 from lightgauge.validation.leaks.story import edited_command
+from lightgauge.validation.leaks.text import leaks_text
 from lightgauge.validation.options import read_overrides
 from lightgauge.validation.report.leaks import leaks_context
 
@@ -69,6 +70,26 @@ def test_the_edit_stops_the_leak(told: Path) -> None:
     layers = read_bitmap(told / "two-rooms.edit.json")
     assert [{"size_m": x.size, "cells": len(x.cells)} for x in layers] == edit["layers"]
     assert all(x.mode == "place" and x.size < 0.5 for x in layers)
+
+
+def test_each_place_has_its_own_cell(told: Path) -> None:
+    """One cell, on the lattice of the edit, that holds the place and is smaller than the voxel that answered; its command lays it over
+    the same run."""
+    results = json.loads((told / "results.json").read_text())
+    leaks, files = results["scenes"][0]["leaks"], results["scenes"][0]["files"]
+    assert leaks["edit"]["minimal"] and leaks["edit"]["cells"] < 0.6 * leaks["edit"]["grown_cells"]
+    for number, place in enumerate(leaks["worst"], 1):
+        own = place["edit"]
+        (layer,) = read_bitmap(told / files[f"edit_place{number}"])
+        low = layer.origin + layer.cells[0] * layer.size
+        assert len(layer.cells) == 1 and layer.mode == "place" and layer.size == own["size_m"] < place["voxel_m"]
+        assert ((low <= place["position"]) & (place["position"] <= low + layer.size)).all()
+        given = build_parser("").parse_args(shlex.split(own["command"])[1:])
+        assert given.bitmap == told / files[f"edit_place{number}"] and tuple(given.assignments) == SETTINGS
+    said = leaks_text(results)
+    assert "one cell of 0.25 m" in said and "the smallest found" in said and ".place1.edit.json" in said
+    page = (told / "index.html").read_text()
+    assert "Its own edit" in page and "one cell of 0.25 m" in page and "place1.edit.json" in page
 
 
 def test_the_command_printed_is_the_run_with_the_edit(told: Path) -> None:

@@ -15,11 +15,22 @@ from lightgauge.reference.bitmap_file import read_bitmap, write_bitmap
 from lightgauge.reference.datatypes import BitmapLayer
 from lightgauge.reference.errors import InputError
 from lightgauge.reference.lattice import keys
+from lightgauge.reference.progress import silent
 from lightgauge.reference.variant import ensure_variant
-from lightgauge.validation.benchmarks.leak_rows import LEAK, lattices, right, stopped, tried
-from lightgauge.validation.benchmarks.leak_scene import dark_places, leaky_shift, two_rooms
+from lightgauge.validation.benchmarks.leak_rows import lattices, right, tried
+from lightgauge.validation.benchmarks.leak_scene import (
+    all_over,
+    dark_places,
+    leaky_shift,
+    tip_shift,
+    two_rooms,
+)
 from lightgauge.validation.leaks.attribution import blamed
+from lightgauge.validation.leaks.edit import find_edit
+from lightgauge.validation.leaks.field import part, places
 from lightgauge.validation.leaks.prediction import wall_points, wall_reports
+from lightgauge.validation.leaks.single import single_edits
+from lightgauge.validation.leaks.tips import askew_edges
 
 ensure_variant()
 
@@ -50,10 +61,68 @@ def test_every_wall_of_the_scene_is_predicted() -> None:
     assert room.needed_voxel_lifted_m == pytest.approx((1.2 + 0.5) / 1.36603, abs=1e-4)
 
 
-def test_the_edit_stops_it() -> None:
-    rooms = two_rooms(0.75, (0, 30, 0))
-    edit = stopped(rooms, leaky_shift(rooms))
-    assert edit.mean <= LEAK and 0 < edit.cells < 400
+def test_edges_askew_leak_behind_thick_walls() -> None:
+    """Turned by 30°, walls of 2 voxels, thick enough by far: an edge that pokes in by a fiftieth of a voxel is lit by voxels of twice
+    the size, and at exactly the places that half-spaces say."""
+    rooms = two_rooms(2.0, (0, 30, 0))
+    assert rooms.keeps_light_in and rooms.askew and not rooms.leak_free_everywhere
+    found = tried(rooms, tip_shift(rooms, 13))
+    assert found.dead > 0 and found.own == 0 and found.wrong == 0, found
+
+
+def test_the_edit_stops_it_and_has_no_cell_too_many() -> None:
+    rooms = two_rooms(0.5, (0, 0, 0))
+    shift = leaky_shift(rooms)
+    field = rooms.field(shift)
+    search = rooms.search(field, dark_places(rooms, field, 1, 500), shift)
+    edit = find_edit(search, silent)
+    fresh = places(all_over(rooms, 77, 4000), None, "fresh")
+    assert edit.minimal and not search.leaks(edit.field, fresh).leaks.any()
+    assert 0 < 2 * edit.cells < edit.grown
+    layer = edit.layers[0]
+    assert len(edit.layers) == 1
+    for number in (
+        0,
+        edit.cells // 2,
+        edit.cells - 1,
+    ):  # without any one of them it leaks, in the cell itself or beside it
+        less = search.rebake([dataclasses.replace(layer, cells=np.delete(layer.cells, number, axis=0))])
+        share = np.random.default_rng(number).uniform(-1.0, 2.0, (4000, 3))
+        near = layer.origin + (layer.cells[number] + share) * layer.size
+        near = near[rooms.dark.inside(near)]
+        beside = places(near, None, "beside")
+        assert search.leaks(less, beside).leaks.any() and not search.leaks(edit.field, beside).leaks.any()
+
+
+def test_one_cell_stops_it_at_one_place() -> None:
+    """Each cell laid over the scene alone: the place that it is for is dark, and with the cell of twice the size, were that finer than
+    the lattice, it would not be."""
+    rooms = two_rooms(0.25, (0, 0, 0))
+    shift = leaky_shift(rooms)
+    field = rooms.field(shift)
+    at = dark_places(rooms, field, 1, 200)
+    search = rooms.search(field, at, shift)
+    leaks = search.leaks(field, at)
+    chosen = np.flatnonzero(leaks.leaks)[::90][:3]
+    sizes = []
+    for number, found in zip(chosen, single_edits(search, at, leaks, chosen), strict=True):
+        assert found.layer is not None
+        sizes.append(found.layer.size)
+        here = part(at, np.array([number, number]))
+        assert not search.leaks(search.rebake([found.layer]), here).leaks.any()
+        larger = dataclasses.replace(found.layer, size=2 * found.layer.size, cells=found.layer.cells >> 1)
+        assert search.leaks(search.rebake([larger]), here).leaks.all()
+    assert max(sizes) < 1.0
+
+
+def test_askew_edges_are_found_in_meshes() -> None:
+    square, turned_room = two_rooms(1.0, (0, 0, 0)), two_rooms(1.0, (0, 30, 0))
+    assert len(askew_edges(square.surfaces.geometry)[0]) == 0
+    ends, into = askew_edges(turned_room.surfaces.geometry)
+    assert len(ends) == 8  # the upright ones of both rooms; outside, edges are ridges
+    np.testing.assert_allclose(np.abs(ends[:, 1] - ends[:, 0]), np.tile([0.0, 3.0, 0.0], (8, 1)), atol=1e-4)
+    inside = ends.mean(axis=1) + 0.1 * into
+    assert (turned_room.dark.inside(inside) | turned_room.lit.inside(inside)).all()
 
 
 def test_blame_falls_on_probes_behind_the_wall() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from lightgauge.reference.lattice import Octree
 from lightgauge.reference.volume.sampler import lattice_position, resolve
-from lightgauge.validation.leaks.weights import probe_weights
+from lightgauge.validation.leaks.weights import probe_weights, voxel_weights
 from small_scenes import masked_tree, random_probes, random_tree, texture_of
 
 
@@ -28,6 +28,25 @@ def test_weights_make_what_the_sampler_reads(tree: Octree, invalid: float) -> No
     np.testing.assert_allclose(made[:, 12], weight, atol=2e-5)
     np.testing.assert_allclose(made[:, :12], light, atol=5e-5)
     assert (np.diff(found.sample) >= 0).all() and (found.weight > 0).all() and (source[found.probe] >= 0).all()
+
+
+def test_a_voxel_alone_says_what_the_sampler_reads_where_it_answers() -> None:
+    tree = random_tree(4, 0.4, 1)
+    probes = random_probes(len(tree.corners), 0.4, 3)
+    texture, layout = texture_of(tree, probes)
+    source = np.where(probes[:, 12] > 0, np.arange(len(probes)), -1).astype(np.int32)
+    where = np.random.default_rng(4).uniform(0.0, 1 << tree.grid.level, (3000, 3))
+    found = probe_weights(texture, layout, source, where)
+    compared = 0
+    for level in range(1, tree.grid.level + 1):
+        alone, corners = voxel_weights(tree, texture, source, where, level)
+        both = (alone.level == level) & (found.level == level) & (corners >= 0).all(axis=1)
+        compared += int(both.sum())
+        made = np.zeros((2, len(where), 13))
+        for k, w in enumerate((alone, found)):
+            np.add.at(made[k], w.sample, w.weight[:, None] * probes[w.probe])
+        np.testing.assert_allclose(made[0][both], made[1][both], atol=1e-5)
+    assert compared > 200
 
 
 def test_a_copy_counts_as_the_probe_whose_light_it_is() -> None:

@@ -17,8 +17,8 @@ import numpy as np
 from ...reference import pipeline
 from ...reference.config import SceneSettings
 from ...reference.config_base import Vec3
-from ...reference.datatypes import F64, BitmapLayer, Material, Mesh, Scene
-from ...reference.lattice import OCTANTS
+from ...reference.datatypes import F64, I64, BitmapLayer, Material, Mesh, Scene
+from ...reference.lattice import OCTANTS, index_of, keys
 from ...reference.placement.dead_edges import light_from
 from ...reference.progress import silent
 from ...reference.texture_types import VirtualTexture
@@ -27,26 +27,32 @@ from ...reference.turned import TurnedBox, rotation_matrix, turned
 from ...reference.volume.indirection import build_indirection
 from ...reference.volume.layout import build_layout
 from ...reference.volume.tiles import fill_tiles, probe_texels, with_copies
-from ..leaks.edit import Search
 from ..leaks.field import LightField, Places, places
+from ..leaks.search import Search
+from ..leaks.tips import BEYOND, IN_ROOM, IN_WALL, ServedBy, askew, served_by
 from ..leaks.walls import spread
 
 ROOM = np.array([4.0, 3.0, 3.0])  # voxels of 1 m
 VOXEL = 1.0
 INWARDS = 0.02  # of a voxel
+TIP = 0.02  # of a voxel: by how much an edge pokes in, less than what copies are made for (dead_edges.ALONG)
+TIPS_TRIED = 64
+LEVELS = 4  # of voxels that are held against a tip: 16 m are larger than the block
 OFF_MIDDLE = np.array([0.4371, 0.4639, 0.4713])
 FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
 
 @dataclass(frozen=True, eq=False)
 class TwoRooms:
-    """thickness, m, of all walls; matrix (3, 3) turns the scene; dark: the second room; surfaces: baked, as placement needs
-    them."""
+    """thickness, m, of all walls; matrix (3, 3) turns the scene; dark, lit: the second room and the first; block: both with their
+    walls; surfaces: baked, as placement needs them."""
 
     thickness: float
     matrix: F64
     scene: Scene
     dark: TurnedBox
+    lit: TurnedBox
+    block: TurnedBox
     surfaces: pipeline.Surfaces
 
     def field(self, shift: F64, layers: Sequence[BitmapLayer] = ()) -> LightField:
@@ -74,6 +80,36 @@ class TwoRooms:
         """Whether t ≥ h (|nx| + |ny| + |nz|) holds for all walls."""
         return bool((self.thickness >= VOXEL * self.spreads).all())
 
+    @property
+    def askew(self) -> bool:
+        """Whether the room has edges that are askew to the lattice: of the four edges between each two walls, some turn either way."""
+        m = self.matrix.T
+        pairs = [(m[a], sign * m[b]) for a, b in ((0, 1), (0, 2), (1, 2)) for sign in (1.0, -1.0)]
+        return any(bool(askew(a, b)) for a, b in pairs)
+
+    @property
+    def leak_free_everywhere(self) -> bool:
+        """Whether no lattice of these voxels exists on which light comes in (`leaks.tips`)."""
+        return self.keeps_light_in and not self.askew
+
+    def kind(self, positions: F64) -> I64:
+        """Whether positions (N, 3) m are in a wall, in the dark room, or beyond its walls: as in `leaks.tips`."""
+        wall = self.block.inside(positions) & ~self.lit.inside(positions)
+        return np.where(self.dark.inside(positions), IN_ROOM, np.where(wall, IN_WALL, BEYOND))
+
+    def predicted(self, field: LightField, at: Places) -> ServedBy:
+        """What answers at places, by half-spaces: corners in walls hold no light, but where placement copied a neighbour's."""
+        octree, source = field.octree, field.source
+        of_probe = self.kind(octree.positions)
+        copied = (of_probe == IN_WALL) & (source >= 0) & (source != np.arange(len(source)))
+        of_probe = np.where(copied, of_probe[source], of_probe)
+        known, deepest = keys(octree.corners), octree.grid.level
+
+        def kind(corner: I64, level: int) -> I64:
+            return np.asarray(of_probe[index_of(known, keys(corner << (deepest - level)))])
+
+        return served_by((at.positions - octree.grid.origin) / octree.grid.finest, deepest, kind)
+
     def search(self, field: LightField, at: Places, shift: F64) -> Search:
         """For leaks and edits: the second room must stay dark at places `at`."""
         return Search(field, at, self.dark.inside, 1.0, lambda layers: self.field(shift, layers))
@@ -98,7 +134,8 @@ def two_rooms(thickness: float, rotation: Vec3) -> TwoRooms:
     }  # fmt: skip
     settings = SceneSettings.model_validate_json(json.dumps(tables), strict=True)
     scene = Scene("two rooms", settings, meshes, (Material("grey", np.full(3, 0.5)),), None, (), "0")
-    return TwoRooms(t, m, scene, TurnedBox(*boxes["dark_room"][:2], m), pipeline.bake_surfaces(scene, 0, silent))
+    dark, lit, block = (TurnedBox(*boxes[name][:2], m) for name in ("dark_room", "lit_room", "outside"))
+    return TwoRooms(t, m, scene, dark, lit, block, pipeline.bake_surfaces(scene, 0, silent))
 
 
 def _box(name: str, low: F64, high: F64, inward: bool, matrix: F64) -> Mesh:
@@ -136,10 +173,63 @@ def leaky_shift(rooms: TwoRooms) -> F64:
     its voxel reaches furthest: into the dark room, if any voxel does."""
     axis = int(np.argmax(rooms.spreads))
     normal = rooms.matrix[:, axis]
-    gap = max(VOXEL * rooms.spreads[axis] - rooms.thickness, 0.0)
+    # Where no voxel reaches through: just not in the plane of the wall, for the same reason as below.
+    gap = max(VOXEL * rooms.spreads[axis] - rooms.thickness, 0.1)
     # Off the middle, or the lattice would lie exactly in walls: then it is rounding that decides what a probe there sees.
     middle = rooms.dark.lower + OFF_MIDDLE * (rooms.dark.upper - rooms.dark.lower)
     middle[axis] = rooms.dark.lower[axis] - rooms.thickness
     corner = turned(middle, rooms.matrix) - 0.2371 * gap * normal
     low = np.min([m.vertices.min(axis=0) for m in rooms.scene.meshes], axis=0)
     return np.asarray((low - corner) / VOXEL % 1.0)
+
+
+def edge_corners(rooms: TwoRooms, seed: int, count: int) -> F64:
+    """Positions (12 count, 3) m along the twelve edges of the dark room, from 0.001 to 0.3 voxels off them, as many in each octave."""
+    random = np.random.default_rng([seed, 41])
+    extent, parts = rooms.dark.upper - rooms.dark.lower, []
+    for axis in range(3):
+        b, c = (k for k in range(3) if k != axis)
+        for side_b, side_c in itertools.product((0.0, 1.0), repeat=2):
+            share = np.empty((count, 3))
+            share[:, axis] = random.random(count)
+            off, angle = 10.0 ** random.uniform(-3.0, -0.5, count) * VOXEL, random.random(count) * np.pi / 2
+            share[:, b] = np.abs(side_b - off * np.cos(angle) / extent[b])
+            share[:, c] = np.abs(side_c - off * np.sin(angle) / extent[c])
+            parts.append(share)
+    return rooms.dark.world(np.concatenate(parts))
+
+
+def tip_shift(rooms: TwoRooms, seed: int) -> F64:
+    """A shift (3,) of the lattice, in voxels, on which an askew edge pokes into a voxel so little that none of its probes is
+    valid, nor copied, and a larger voxel answers that reaches through the wall: of many tried the one that leaks most."""
+    random = np.random.default_rng([seed, 43])
+    low = np.min([m.vertices.min(axis=0) for m in rooms.scene.meshes], axis=0)
+    best, most = random.random(3), -1.0
+    for (a, b), sides in itertools.product(((0, 1), (0, 2), (1, 2)), itertools.product((0.0, 1.0), repeat=2)):
+        normals = [(1.0 - 2.0 * s) * rooms.matrix[:, k] for s, k in zip(sides, (a, b), strict=True)]
+        if not askew(*normals):
+            continue
+        share = OFF_MIDDLE.copy()
+        share[[a, b]] = sides
+        into = normals[0] + normals[1]
+        axis = int(np.argmax(normals[0] * normals[1]))
+        edge = rooms.dark.world(share[None])[0]
+        for _ in range(TIPS_TRIED):
+            at = random.random(3) * 2.0
+            at[axis] = np.floor(at[axis]) + (1.0 - TIP if into[axis] > 0.0 else TIP)
+            shift = (low - edge) / VOXEL + at
+            shift -= 2.0 * np.floor(shift / 2.0)
+            leak = _tip_leak(rooms, low - shift * VOXEL, edge + 0.3 * TIP * VOXEL * into)
+            if leak > most:
+                best, most = shift, leak
+    return np.asarray(best)
+
+
+def _tip_leak(rooms: TwoRooms, origin: F64, place: F64) -> float:
+    """Share of light from beyond at a place (3,) m on a lattice from `origin` (3,), nothing copied; 0 where its own voxel answers."""
+
+    def kind(corner: I64, level: int) -> I64:
+        return rooms.kind(origin + corner * VOXEL * 2.0 ** (LEVELS - level))
+
+    found = served_by(((place - origin) / VOXEL)[None], LEVELS, kind)
+    return float(found.beyond[0]) if found.level[0] < LEVELS else 0.0

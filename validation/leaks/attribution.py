@@ -56,6 +56,13 @@ def find_leaks(field: LightField, at: Places, dark: Bool | None, mean_light: flo
     """Leaks at places. dark (N,): whether there should be no light, None where the scene does not say; then only places
     in the dark are looked at. mean_light, W·m⁻², is what strengths are relative to."""
     weights = probe_weights(field.texture, field.layout, field.source, at.positions)
+    return leaks_by(field, at, dark, mean_light, weights, holding_level(field.octree, at.positions))
+
+
+def leaks_by(
+    field: LightField, at: Places, dark: Bool | None, mean_light: float, weights: ProbeWeights, holds: I64
+) -> Leaks:
+    """Leaks at places that read probes by `weights`, in voxels of levels `holds` (N,): see `find_leaks`."""
     total = sums(weights.sample, weights.weight, at.count)
     raw = np.einsum("mk,mkc->mc", at.response[weights.sample], field.coefficients[weights.probe]).mean(axis=1)
     share = weights.weight / np.maximum(total[weights.sample], np.finfo(np.float64).tiny)
@@ -67,7 +74,6 @@ def find_leaks(field: LightField, at: Places, dark: Bool | None, mean_light: flo
         magnitude = sums(weights.sample, np.abs(light), at.count)
         looked_at = dark & (magnitude > LEAKS_IN_DARK * mean_light)
     chosen = np.flatnonzero(looked_at[weights.sample])
-    holds = holding_level(field.octree, at.positions)
     pairs = _seen_pairs(field, at, weights, light, chosen)
     if dark is None:
         pairs = _through_walls(field, pairs, at, np.minimum(holds, weights.level))

@@ -2,95 +2,72 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-
 import numpy as np
 
-from ...reference.datatypes import F64, I64, BitmapLayer, Bool
+from ...reference.datatypes import F64, I64, Bool
 from ...reference.errors import InputError
-from ...reference.lattice import NEIGHBOURS, Grid, Octree, cells, index_of, keys, unique_cells
+from ...reference.lattice import NEIGHBOURS, Octree, cells, index_of, keys, unique_cells
 from ...reference.progress import Progress
-from .attribution import Leaks, blamed, find_leaks
-from .descent import TRIED, Wanted, finer_cells
+from .attribution import Leaks, blamed
+from .descent import TRIED, finer_cells
 from .field import LightField, Places, cells_at, joined, places
 from .offenders import offenders
+from .search import Edit, Search, layers_of
+from .smallest import smallest
+from .tips import edge_places
 from .walls import in_the_open, is_sheet
 
 MOST_ROUNDS = 6
+MOST_TURNS = 3  # of growing and making smaller
 MOST_DEEPER = 4  # levels below placement.min_voxel: walls that taper off would want ever finer voxels
 MOST_CELLS = 200_000
-PER_AXIS = 4  # places in each voxel at or beside a leak that are looked at after each bake
+PER_AXIS = 6  # places in each voxel at or beside a leak that are looked at after each bake
 MOST_CHECKED = 100_000
 ENOUGH = 0.02  # of the leaking places may stay where the scene does not say what must be dark: light round corners never ends
 STRATA = np.stack(np.meshgrid(*[np.arange(PER_AXIS)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 WAVES = 64  # of the search along a wall, a voxel each
 
 
-@dataclass(frozen=True, eq=False)
-class Search:
-    """What an edit is searched for. field: before. at: the places that must not leak. dark: which positions are to be without
-    light, None where the scene does not say. mean_light, W·m⁻². rebake: the field with layers laid over the scene."""
-
-    field: LightField
-    at: Places
-    dark: Wanted | None
-    mean_light: float
-    rebake: Callable[[Sequence[BitmapLayer]], LightField]
-
-    def leaks(self, field: LightField, at: Places) -> Leaks:
-        """Leaks of a field at places."""
-        return find_leaks(field, at, None if self.dark is None else self.dark(at.positions), self.mean_light)
-
-    def wanted(self, positions: F64) -> Bool:
-        """Which positions (N, 3) m an edit is for."""
-        return np.ones(len(positions), dtype=np.bool_) if self.dark is None else self.dark(positions)
-
-
-@dataclass(frozen=True, eq=False)
-class Edit:
-    """layers: none where nothing leaks. places: all that were looked at, the search's first. before, after: leaks there.
-    field: with the edit. rounds: bakes it took. sheets: places that leak through sheets, which no voxel stops. refused: why the
-    octree would not bear finer cells, empty where it did."""
-
-    layers: tuple[BitmapLayer, ...]
-    places: Places
-    before: Leaks
-    after: Leaks
-    field: LightField
-    rounds: int
-    sheets: int
-    refused: str
-
-    @property
-    def cells(self) -> int:
-        """Cells of all layers."""
-        return sum(len(layer.cells) for layer in self.layers)
-
-    @property
-    def in_sight(self) -> int:
-        """Places that are still lit by probes that they see: no wall lies between, those probes themselves hold the light."""
-        lit = np.unique(self.after.pairs.weights.sample[blamed(self.after)])
-        return int(self.after.leaks.sum()) - len(lit)
-
-    @property
-    def stops(self) -> bool:
-        """Whether no light comes through a wall any more."""
-        return int(self.after.leaks.sum()) == self.in_sight
-
-
 def find_edit(search: Search, progress: Progress) -> Edit:
-    """Search for the smallest edit: cells by the descent, verified by baking, grown where light still comes through.
+    """Search for the smallest edit: cells by the descent, verified by baking, grown where light still comes through; then without
+    those of them that it can do without (`smallest`).
 
-    Each bake is also looked at in places that no earlier one was, all over the voxels that leaked.
+    Each bake is also looked at in places that no earlier one was, all over the voxels that leaked. Where such a place leaks through
+    the edit that was to be the last one, it is grown from there and made smaller once more.
     """
-    field, grid = search.field, search.field.octree.grid
-    at = joined([search.at, along_the_walls(search, field, search.at)])
-    now = search.leaks(field, at)
-    voxels = _leaking_voxels(field, now, at)
-    chosen: dict[int, I64] = {}
-    deepest, rounds, refused = grid.wanted_level + MOST_DEEPER, 0, ""
-    few = 0 if search.dark is not None else int(ENOUGH * now.leaks.sum())
+    edit = _nothing(search)
+    few = 0 if search.dark is not None else int(ENOUGH * edit.before.leaks.sum())
+    voxels = _leaking_voxels(search.field, edit.before, edit.places)
+
+    def fresh(search: Search, tried: Edit, number: int) -> Places:
+        return _still_leaking(search, tried.field, voxels, number)
+
+    for _ in range(MOST_TURNS):
+        grown = _grow(search, edit, voxels, few, progress)
+        if grown.layers == edit.layers:  # nothing more that helps
+            return grown
+        edit = smallest(search, grown, fresh, progress)
+        if int(edit.after.leaks.sum()) <= few:
+            break
+    return edit
+
+
+def _nothing(search: Search) -> Edit:
+    """No edit yet, and the places that it is to be looked at."""
+    at = joined([search.at, in_the_edges(search, search.field)])
+    at = joined([at, along_the_walls(search, search.field, at)])
+    leaks = search.leaks(search.field, at)
+    sheets = int(_through_sheets(search, leaks, at).sum())
+    return Edit((), at, leaks, leaks, search.field, 0, sheets, "", 0, False)
+
+
+def _grow(search: Search, edit: Edit, voxels: dict[int, I64], few: int, progress: Progress) -> Edit:
+    """An edit with the cells that stop what still leaks with it; the same layers where none helps. voxels: cells (N, 3) by level at
+    and around the places that leaked without any edit. few: places that may go on leaking."""
+    grid = search.field.octree.grid
+    chosen = {edit.field.octree.grid.level_for(layer.size): layer.cells for layer in edit.layers}
+    field, at, now, refused = edit.field, edit.places, edit.after, ""
+    deepest, rounds = grid.wanted_level + MOST_DEEPER, 0
     while rounds < MOST_ROUNDS and int(now.leaks.sum()) > few:
         found = _cells_for(search, field, now, at, _through_sheets(search, now, at), deepest)
         grown = _grown(chosen, found)
@@ -104,10 +81,14 @@ def find_edit(search: Search, progress: Progress) -> Edit:
             refused, deepest = str(error), max(grown) - 1
             continue
         chosen = grown
-        at = joined([at, _still_leaking(search, field, voxels, rounds)])
+        at = joined([at, _still_leaking(search, field, voxels, edit.rounds + rounds)])
         now = search.leaks(field, at)
     sheets = int(_through_sheets(search, now, at).sum())
-    return Edit(layers_of(grid, chosen), at, search.leaks(search.field, at), now, field, rounds, sheets, refused)
+    before, layers = search.leaks(search.field, at), edit.layers
+    if _count(chosen) > edit.cells:
+        layers = layers_of(grid, chosen)
+    most = max(edit.grown, _count(chosen))
+    return Edit(layers, at, before, now, field, edit.rounds + rounds, sheets, refused, most, edit.minimal)
 
 
 def _leaking_voxels(field: LightField, leaks: Leaks, at: Places) -> dict[int, I64]:
@@ -165,14 +146,6 @@ def _count(by_level: dict[int, I64]) -> int:
     return sum(map(len, by_level.values()))
 
 
-def layers_of(grid: Grid, by_level: dict[int, I64]) -> tuple[BitmapLayer, ...]:
-    """Cells (N, 3) by level as layers on the octree's own lattice, coarse to fine."""
-    return tuple(
-        BitmapLayer(grid.origin, float(grid.finest * 2.0 ** (grid.level - level)), by_level[level], "place")
-        for level in sorted(by_level)
-    )
-
-
 def along_the_walls(search: Search, field: LightField, at: Places) -> Places:
     """More places, in the voxels around those that leak, and around these where they leak too: receivers are few, and a moving
     object may stand anywhere."""
@@ -189,6 +162,13 @@ def along_the_walls(search: Search, field: LightField, at: Places) -> Places:
         here = places(fresh, None, "between")
         found.append(here)
     return joined(found)
+
+
+def in_the_edges(search: Search, field: LightField) -> Places:
+    """Places in the tips of edges that are askew to the lattice, where voxels may have no valid probe (`tips`)."""
+    tips = edge_places(field.geometry, field.octree.grid.wanted)
+    tips = tips[search.wanted(tips)]
+    return places(tips[in_the_open(field.geometry, tips)], None, "edges")
 
 
 def _neighbours(field: LightField, leaks: Leaks, at: Places, asked: dict[int, I64]) -> F64:

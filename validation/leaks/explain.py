@@ -20,11 +20,12 @@ from ..ground_truth import GroundTruth, ground_truth
 from ..metrics.error import Measured, measure_error
 from ..metrics.leaks import in_boxes
 from ..record import metric
-from .edit import Edit, Search, find_edit
+from .edit import find_edit
 from .field import LightField, Places, field_of, joined, places
 from .measured import SETS, dark_boxes, leak_metrics
 from .plan import plan
 from .prediction import wall_points, wall_reports
+from .search import Edit, Search
 from .worst import by_wall, worst_places
 
 FEW_RAYS = 256
@@ -110,7 +111,7 @@ def explain(scene: Scene, device: OpenDevice, seed: int, progress: Progress) -> 
         "leaking": int(edit.before.leaks.sum()),
         "leaking_receivers": int(edit.before.leaks[: search.at.count].sum()),
         "through": by_wall(scene, field, edit),
-        "worst": worst_places(scene, field, edit),
+        "worst": worst_places(scene, search, edit),
         "before": {"probes": len(before.probes.valid), "metrics": bench.metrics(before)},
         "after": {"probes": len(after.probes.valid), "metrics": bench.metrics(after)},
         "edit": _edit(field, edit),
@@ -143,6 +144,8 @@ def _edit(field: LightField, edit: Edit) -> dict[str, Any]:
         "deeper": any(layer.size < 0.99 * wanted for layer in edit.layers),
         "min_voxel_m": wanted,
         "rounds": edit.rounds,
+        "grown_cells": edit.grown,
+        "minimal": edit.minimal,
         "still_leaking": int(edit.after.leaks.sum()),
         "lit_in_sight": edit.in_sight,
         "through_sheets": edit.sheets,

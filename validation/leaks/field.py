@@ -63,6 +63,11 @@ def joined(parts: list[Places]) -> Places:
     )
 
 
+def part(at: Places, chosen: I64) -> Places:
+    """The places numbered `chosen` (K,), in that order."""
+    return Places(at.positions[chosen], at.response[chosen], tuple(at.names[i] for i in chosen))
+
+
 def field_of(baked: Baked, coefficients: F32) -> LightField:
     """The light of a bake with its probes' `coefficients` (R, 4, 3)."""
     p = baked.probes

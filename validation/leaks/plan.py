@@ -15,8 +15,8 @@ from ...reference.datatypes import F64
 from ...reference.visibility import Geometry
 from ..plane_section import plane_section
 from .attribution import blamed
-from .edit import Edit
 from .field import LightField
+from .search import Edit
 
 MOST = {"walls": 2000, "places": 400, "probes": 150, "cells": 1500}
 MARGIN = 0.2  # of the drawing's longer side, around what leaks

@@ -1,4 +1,5 @@
-"""The files of `run --explain-leaks`: NAME.leaks.json and NAME.edit.json, and the command line that applies and measures the edit."""
+"""The files of `run --explain-leaks`: NAME.leaks.json and NAME.edit.json, the one-cell edits of the worst places, and the command lines
+that apply and measure them."""
 
 from __future__ import annotations
 
@@ -57,9 +58,39 @@ def write_story(out: Path, name: str, found: Explained, command: str) -> dict[st
         files["edit"] = f"{name}.edit.json"
         table["command"] = command
         write_bitmap(out / files["edit"], found.layers)
+    files |= _singles(out, name, found, table, command)
     edit = [dataclasses.asdict(layer) for layer in found.layers]
     write_json_atomic(out / files["leaks"], {"scene": name, **table, "layers": edit})
     return {"leaks": table, "files": files}
+
+
+def _singles(out: Path, name: str, found: Explained, table: dict[str, Any], command: str) -> dict[str, str]:
+    """Write the one-cell edits of the worst places, NAME.place1.edit.json and so on, the worst first; the files by key. In `table`
+    each of these places is given the command that applies and measures its own edit."""
+    given = found.layers[: len(found.layers) - len(table["edit"]["layers"])]
+    files, rows = {}, []
+    for number, row in enumerate(table["worst"], 1):
+        own = row.get("edit")
+        if own and "cell" in own:
+            layer = BitmapLayer(np.asarray(own["origin"], np.float64), own["size_m"], np.array([own["cell"]]), "place")
+            files[f"edit_place{number}"] = f"{name}.place{number}.edit.json"
+            write_bitmap(out / files[f"edit_place{number}"], (*given, layer))
+            row = {
+                **row,
+                "edit": {**own, "command": _single_command(command, out, files[f"edit_place{number}"], number)},
+            }
+        rows.append(row)
+    table["worst"] = rows
+    return files
+
+
+def _single_command(command: str, out: Path, file: str, number: int) -> str:
+    """The command line with the edit of a place instead."""
+    words = shlex.split(command)
+    for option, value in (("--bitmap", str(out / file)), ("--out", f"{out}-place{number}")):
+        if option in words:
+            words[words.index(option) + 1] = value
+    return shlex.join(words)
 
 
 def edited_command(given: Namespace, scene: str, out: Path, name: str) -> str:

@@ -65,9 +65,25 @@ def _place(place: Mapping[str, Any]) -> list[str]:
     lines = [
         f"  {place['strength']:.1%} of the mean light at {_point(place['position'])}{through}; voxel {number(place['voxel_m'])} m{dead}"
     ]
-    return lines + [
+    lines += [
         f"    {p['share']:.0%} from probe {p['index']} at {_point(p['position'])}, level {p['level']}"
         for p in place["probes"]
+    ]
+    return lines + [f"    {line}" for line in own_edit(place.get("edit") or {})]
+
+
+def own_edit(edit: Mapping[str, Any]) -> list[str]:
+    """The one cell that stops a place's leak, and the command that applies it; or why there is none."""
+    if "cell" in edit:
+        said = f"one cell of {number(edit['size_m'])} m with its corner at {_point(edit['corner'])} stops it here"
+        return [said, *([plain(edit["command"])] if "command" in edit else [])]
+    if not edit:
+        return []
+    if edit["lit_m3"] == 0.0:
+        return [f"no voxel stops it here, down to {number(edit['tried_m'])} m"]
+    return [
+        f"no voxel stops it here, down to {number(edit['tried_m'])} m: that one leaves {number(edit['lit_m3'])} m³ lit, "
+        f"{edit['lit_share']:.0%} of its open space"
     ]
 
 
@@ -87,7 +103,7 @@ def _edit(leaks: Mapping[str, Any]) -> list[str]:
         )
         return [*lines, f"edit: none ({plain(why)})"]
     sizes = ", ".join(f"{layer['cells']:,} cells of {number(layer['size_m'])} m" for layer in edit["layers"])
-    lines += [f"edit: {sizes}, bakes to find it: {edit['rounds']}"]
+    lines += [f"edit: {sizes}, bakes to find it: {edit['rounds']}", f"  {how_small(edit)}"]
     if edit["deeper"]:
         lines.append(
             f"  finer than placement.min_voxel ({number(edit['min_voxel_m'])} m), which holds for all the rest as before"
@@ -102,6 +118,16 @@ def _edit(leaks: Mapping[str, Any]) -> list[str]:
     ]
     rows.append(["places that leak", f"{leaks['leaking']:,}", f"{edit['still_leaking']:,}"])
     return [*lines, table(rows), f"apply and measure it: {plain(leaks['command'])}"]
+
+
+def how_small(edit: Mapping[str, Any]) -> str:
+    """Whether the edit could be smaller, and how that was found out."""
+    if edit.get("minimal"):
+        return (
+            f"the smallest found, of {edit['grown_cells']:,} cells at first: with any one of its cells put down to the next larger "
+            "voxel some place leaks, judged by the probes of the whole edit; the rest was baked and measured"
+        )
+    return f"of {edit['grown_cells']:,} cells at first; perhaps not the smallest: not each of its cells was shown to be needed"
 
 
 def _point(position: list[float]) -> str:

@@ -16,10 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ...reference.datatypes import F64, I32, I64, Bool
-from ...reference.lattice import OCTANTS
+from ...reference.lattice import OCTANTS, Octree, index_of, keys
 from ...reference.texture_types import VirtualTexture
 from ...reference.volume.layout import TEXELS, TileLayout
-from ...reference.volume.sampler import lattice_position, locate, resolve, tile_cell
+from ...reference.volume.sampler import MIN_WEIGHT, lattice_position, locate, resolve, tile_cell
 from ...reference.volume.tiles import PARENT_WEIGHTS, ROOT_WEIGHTS
 
 VOXEL_TEXELS = OCTANTS @ np.array([9, 3, 1])  # a voxel's corners from its first texel on, within a tile
@@ -84,6 +84,25 @@ def _lit_pairs(sample: I64, probe: I64, weight: F64, source: I32, level: I32) ->
     count = max(len(source), 1)
     key, back = np.unique(sample[keep] * count + source[probe[keep]], return_inverse=True)
     return ProbeWeights(key // count, key % count, sums(back, weight[keep], len(key)), level)
+
+
+def voxel_weights(
+    octree: Octree, texture: VirtualTexture, source: I32, positions: F64, level: int
+) -> tuple[ProbeWeights, I64]:
+    """What the voxels of one `level` alone would say at `positions` (N, 3) m, whatever is finer: the weights of their own eight
+    corners, none and level 0 where these are too small to count; and the corners' numbers (N, 8), -1 where no probe stands."""
+    q = lattice_position(texture, positions) / 2.0 ** (texture.level - level)
+    cell = np.minimum(np.floor(q), np.ceil(texture.extent / 2.0 ** (texture.level - level)) - 1.0).astype(np.int64)
+    f = (q - cell)[:, None, :]
+    share = np.where(OCTANTS[None] == 1, f, 1.0 - f).prod(axis=2)
+    at = (cell[:, None, :] + OCTANTS).reshape(-1, 3) << (texture.level - level)
+    corner = index_of(keys(octree.corners), keys(at)).reshape(-1, len(OCTANTS))
+    there = (corner >= 0).all(axis=1)
+    lit = (share * (source[corner] >= 0)).sum(axis=1)
+    answers = np.where(there & (lit >= MIN_WEIGHT), level, 0).astype(np.int32)
+    chosen = np.flatnonzero(answers > 0)
+    sample = np.repeat(chosen, len(OCTANTS))
+    return _lit_pairs(sample, corner[chosen].ravel(), share[chosen].ravel(), source, answers), corner
 
 
 def _corner_texels(texture: VirtualTexture, q: np.ndarray, chosen: I64, level: int) -> _Texels:

@@ -8,9 +8,10 @@ import numpy as np
 
 from ...reference.datatypes import Scene
 from .attribution import blamed, walls_crossed
-from .edit import Edit
 from .field import LightField
 from .prediction import triple
+from .search import Edit, Search
+from .single import Single, single_edits
 
 WORST = 10
 PROBES = 4  # of a place that are named
@@ -37,14 +38,17 @@ def by_wall(scene: Scene, field: LightField, edit: Edit) -> list[dict[str, Any]]
     return sorted(rows, key=lambda row: -row["share"])
 
 
-def worst_places(scene: Scene, field: LightField, edit: Edit) -> list[dict[str, Any]]:
-    """The places that leak most, each with the probes that the light comes from and the wall that it comes through."""
-    leaks, at = edit.before, edit.places
+def worst_places(scene: Scene, search: Search, edit: Edit) -> list[dict[str, Any]]:
+    """The places that leak most, each with the probes that the light comes from, the wall that it comes through, and the one cell that
+    would stop the leak there (`single`)."""
+    leaks, at, field = edit.before, edit.places, search.field
     sample, mine = leaks.pairs.weights.sample, blamed(leaks)
     order = np.argsort(-np.abs(np.where(leaks.leaks, leaks.strength, 0.0)), kind="stable")[:WORST]
+    order = order[leaks.leaks[order]]
     size = field.octree.grid.size
+    singles = single_edits(search, at, leaks, order) if len(order) else []
     rows = []
-    for i in (int(n) for n in order if leaks.leaks[n]):
+    for number, i in enumerate(order.tolist()):
         pairs = np.flatnonzero((sample == i) & mine)
         pairs = pairs[np.argsort(-np.abs(leaks.pairs.light[pairs]), kind="stable")]
         whole = float(np.abs(leaks.pairs.light[sample == i]).sum())
@@ -57,9 +61,24 @@ def worst_places(scene: Scene, field: LightField, edit: Edit) -> list[dict[str, 
                 "dead": bool(leaks.answers[i] < leaks.holds[i]),
                 "probes": [_probe(field, edit, int(k), whole) for k in pairs[:PROBES]],
                 "wall": _wall(scene, field, edit, int(pairs[0])) if len(pairs) else None,
+                "edit": _single(singles[number]) if singles else {},
             }
         )
     return rows
+
+
+def _single(found: Single) -> dict[str, Any]:
+    """One cell as it is in a bitmap file, and where that is; without one, what the smallest voxel that was tried leaves lit."""
+    if found.layer is None:
+        return {"tried_m": found.tried_m, "lit_m3": found.lit_m3, "lit_share": found.lit_share}
+    layer = found.layer
+    cell = layer.cells[0]
+    return {
+        "size_m": layer.size,
+        "cell": [int(c) for c in cell],
+        "origin": [float(x) for x in layer.origin],
+        "corner": list(triple(layer.origin + cell * layer.size)),
+    }
 
 
 def _probe(field: LightField, edit: Edit, pair: int, whole: float) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from ..leaks.text import how_small, own_edit
 from ..record_models import JsonObject
 from .svg import tag, text
 from .words import number, percent
@@ -44,6 +45,7 @@ def leaks_context(leaks: Mapping[str, Any] | None) -> JsonObject | None:
         "walls": [_wall(row) for row in leaks["walls"][:WALLS]],
         "worst": [_place(row) for row in leaks["worst"][:PLACES]],
         "edit": [f"{layer['cells']:,} cells of {number(layer['size_m'])} m" for layer in edit["layers"]],
+        "how_small": how_small(edit),
         "deeper": number(edit["min_voxel_m"]) if edit["deeper"] else "",
         "refused": edit["refused"],
         "sheets": edit["through_sheets"],
@@ -81,6 +83,7 @@ def _place(row: Mapping[str, Any]) -> JsonObject:
         "dead": row["dead"],
         "wall": f"{wall['mesh']} at {_point(wall['position'])}" if wall else "",
         "probes": probes,
+        "own": own_edit(row.get("edit") or {}),
     }
 
 
