@@ -34,7 +34,7 @@ lifted = pipeline.lifted
 class Baked:
     """A scene through bake and update, and its texture on the device. coefficients (R, 4, 3) f32: radiance SH of the real probes.
     cost: counts, bytes and milliseconds by name. uncut: the texture as it would be with no probe culled, None where none is.
-    storage, layout: how the device holds it (see `formats`)."""
+    storage, layout: how the device holds it (see `formats`). traced: the probes before culling, where they were to be kept."""
 
     scene: Scene
     surfaces: pipeline.Surfaces
@@ -47,6 +47,7 @@ class Baked:
     uncut: VirtualTexture | None = None
     storage: Storage = "half"
     layout: Layout = "packed"
+    traced: pipeline.Probes | None = None
 
 
 def bake(
@@ -56,14 +57,17 @@ def bake(
     octree: Octree,
     seed: int,
     progress: Progress,
+    keep_traced: bool = False,
 ) -> Baked:
-    """Probes and texture over surfaces that are baked and lit; the update is timed warm, median of REPEATS."""
+    """Probes and texture over surfaces that are baked and lit; the update is timed warm, median of REPEATS. keep_traced: what was
+    culled is kept, in `Baked.traced`."""
     surfaces, light = lit
     traced = pipeline.trace_probes(scene, surfaces, octree, seed, progress)
     probes = pipeline.cull_probes(scene, surfaces, traced, seed, progress)
     uncut = None
     if probes.culled is not None and probes.culled.probes:
         uncut = pipeline.virtual_texture(traced, pipeline.update(scene, surfaces, traced, light).texels)
+    kept = traced if keep_traced else None
     del traced  # what was culled is freed
     first = pipeline.update(scene, surfaces, probes, light)  # compiles the kernel
     texture = pipeline.virtual_texture(probes, first.texels)
@@ -90,7 +94,9 @@ def bake(
     }
     if probes.culled is not None:
         cost |= culled_cost(probes.culled, probes.layout.virtual_probes)
-    return Baked(scene, surfaces, probes, light, first.coefficients, texture, sampler, cost, uncut, storage, layout)
+    return Baked(
+        scene, surfaces, probes, light, first.coefficients, texture, sampler, cost, uncut, storage, layout, kept
+    )
 
 
 def filled(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import resource
 import statistics
+from collections.abc import Callable
 from typing import Any
 
 from ..fastpath.device import OpenDevice
@@ -24,11 +25,14 @@ from .report.pictures import SceneView
 from .report.voxel_maps import voxel_maps
 from .spots import place_rows
 
+Keep = Callable[[GroundTruth, Baked], None]
+
 
 def measure_scene(
-    scene: Scene, device: OpenDevice, seed: int, progress: Progress
+    scene: Scene, device: OpenDevice, seed: int, progress: Progress, keep: Keep | None = None
 ) -> tuple[dict[str, Any], list[SceneView]]:
-    """The record of a scene (results.json, one of "scenes") and its pictures."""
+    """The record of a scene (results.json, one of "scenes") and its pictures. keep: is given the truth and the bake, its probes from
+    before culling among it, for who goes on with them."""
     clock = Clock()
     pipeline.check_placement(scene, build_geometry(scene))
     truth = ground_truth(scene, seed, progress)
@@ -39,7 +43,7 @@ def measure_scene(
     clock.lap("surfaces and octree")
     bitmap = pipeline.bitmap(scene, octree.grid)
     clock.lap("bitmap, for its picture")
-    baked = bake(scene, device, (surfaces, light), octree, seed, progress)
+    baked = bake(scene, device, (surfaces, light), octree, seed, progress, keep_traced=keep is not None)
     clock.lap("probes")
     progress("metrics", 0, 1)
     sampled = {name: sample_points(baked, p) for name, p in truth.points.items()}
@@ -68,6 +72,8 @@ def measure_scene(
         "notes": [*scene.notes, *bitmap.notes, *found.notes, *images.notes, *placement.notes, *grids.notes],
     }
     progress("metrics", 1, 1)
+    if keep is not None:
+        keep(truth, baked)
     return record, views
 
 

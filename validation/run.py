@@ -21,11 +21,12 @@ from .flight.plan import FlightPlan
 from .flight.story import with_flight
 from .formats import sampling_format
 from .leaks.story import recalled_story, write_story
-from .measure import measure_scene
+from .measure import Keep, measure_scene
 from .progress_bar import ProgressBar
 from .provenance import provenance
 from .report.page import write_report
 from .report.pictures import CameraPictures, CameraPose, ProbeDots, SceneView
+from .waterfall.world import Made
 
 Explain = Callable[[int, str], str]
 MEASURED_BY = ("reference", "fastpath", "validation/metrics")
@@ -51,7 +52,9 @@ def run_scenes(
     records, views = [], []
     for number, scene in enumerate(scenes):
         with ProgressBar(scene.name, quiet) as progress:
-            record, pictures = recalled(scene, device, seed, progress, alone=len(scenes) == 1)
+            made: list[Made] = []  # what this scene's measuring baked: nothing bakes it again
+            keep = None if dissected is None else lambda truth, baked, made=made: made.append((truth, baked))
+            record, pictures = recalled(scene, device, seed, progress, alone=len(scenes) == 1, keep=keep)
             if explain is not None and record["status"] == "ok":
                 story = recalled_story(result_key(scene, seed, device), scene, device, seed, progress)
                 written = write_story(out, scene.name, story, explain(number, scene.name))
@@ -60,7 +63,7 @@ def run_scenes(
                 record = _flown(record, flight, scene, device, seed, progress, alone=len(scenes) == 1)
             if dissected is not None and record["status"] == "ok":
                 record, pictures = _dissected(
-                    (record, pictures), dissected, scene, device, seed, progress, alone=len(scenes) == 1
+                    (record, pictures), dissected, scene, device, seed, progress, len(scenes) == 1, made
                 )
         records.append(record)
         views += pictures
@@ -87,11 +90,13 @@ def _flown(
 
 def _dissected(
     found: tuple[dict[str, Any], list[SceneView]], asked: Dissection, scene: Scene, device: OpenDevice, seed: int,
-    progress: ProgressBar, alone: bool,
+    progress: ProgressBar, alone: bool, made: Sequence[Made],
 ) -> tuple[dict[str, Any], list[SceneView]]:  # fmt: skip
-    """Record and views with what was taken apart. What cannot be fails its scene alone, unless it is `alone`."""
+    """Record and views with what was taken apart. What cannot be fails its scene alone, unless it is `alone`. made: truth and bake, if
+    they were made just now."""
+    key, one = result_key(scene, seed, device), made[0] if made else None
     try:
-        return with_dissection(*found, result_key(scene, seed, device), asked, scene, device, seed, progress)
+        return with_dissection(*found, key, asked, scene, device, seed, progress, one)
     except InputError as error:
         if alone:
             raise
@@ -117,15 +122,16 @@ def result_key(scene: Scene, seed: int, device: OpenDevice) -> str:
 
 
 def recalled(
-    scene: Scene, device: OpenDevice, seed: int, progress: ProgressBar, alone: bool
+    scene: Scene, device: OpenDevice, seed: int, progress: ProgressBar, alone: bool, keep: Keep | None = None
 ) -> tuple[dict[str, Any], list[SceneView]]:
-    """Measure, or recall what was measured before. A scene that cannot be measured fails alone, unless it is `alone`."""
+    """Measure, or recall what was measured before. A scene that cannot be measured fails alone, unless it is `alone`. keep: see
+    `measure_scene`; not called where the record is recalled."""
     name = result_key(scene, seed, device)
     kept = cache.load("result", name)
     if kept is not None:
         return unpack(kept)
     try:
-        record, views = measure_scene(scene, device, seed, progress)
+        record, views = measure_scene(scene, device, seed, progress, keep)
     except InputError as error:
         if alone:
             raise

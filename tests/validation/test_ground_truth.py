@@ -98,6 +98,24 @@ def test_second_time_is_recalled_and_equal(tmp_path: Path, monkeypatch: pytest.M
     assert len(traced) == 1, "another seed is another truth"
 
 
+def test_a_truth_that_was_stopped_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stopped at its picture, it has its points: they are not traced again, and gates, which ask for fewer, have theirs."""
+    monkeypatch.setenv("LIGHTGAUGE_CACHE", str(tmp_path))
+
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(module, "picture", stopped)
+        ground_truth(room(), 1, silent)
+    monkeypatch.setattr(module, "estimate", stopped)
+    whole = ground_truth(room(), 1, silent)
+    assert whole.pictures["c"].mean.mean() > 0.0 and whole.seconds > 0.0
+    gated = ground_truth(room(), 1, silent, gated=True)
+    assert list(gated.estimates) == ["camera"] and not gated.pictures
+    np.testing.assert_allclose(gated.estimates["camera"].mean, whole.estimates["camera"].mean, rtol=1e-6, atol=1e-9)
+
+
 def test_input_tagged_point_light_is_added_exactly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same room by both tags: the difference of the irradiance is the light's own, I cosθ/d², at every point."""
     monkeypatch.setenv("LIGHTGAUGE_CACHE", str(tmp_path))

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,11 @@ from lightgauge.validation.cli import main
 from lightgauge.validation.stress import catalogue, judge, record, system_cache, system_doors, text
 from lightgauge.validation.stress.bisect import breaking
 from lightgauge.validation.stress.case import Case, Curve, Reading, at_least, at_most, within
-from lightgauge.validation.stress.catalogue import Entry
+from lightgauge.validation.stress.catalogue import IDS, Entry
 from lightgauge.validation.stress.heat_map import (
     BELOW_NOISE,
+    MOST_COLUMNS,
+    bands,
     cell_fill,
     draw_heat_map,
     error_words,
@@ -313,6 +316,19 @@ def test_cells_show_their_noise() -> None:
     assert "± 0.1" in figure_words(clear) and figure_words(lost).endswith("below the noise")
     share = cell(0.999, 0.01, 0.99, "x", "higher")  # what is missing from 1 is what noise may hide
     assert cell_fill(share) == BELOW_NOISE and error_words(share) == "±1.00"
+    assert error_words(cell(2.0, 1e-3, 4.0, "x")) == ""  # nothing that could be written
+
+
+def test_the_heat_map_fits_the_page(made: dict[str, Any]) -> None:
+    """All failures there are in bands of whole groups, none wider than the page; each case and each figure once."""
+    rows = bands(IDS)
+    assert [name for row in rows for name in row] == list(IDS) and max(map(len, rows)) <= MOST_COLUMNS
+    assert all(a[-1][0] != b[0][0] for a, b in pairwise(rows))
+    all_of_them = [{**made["cases"][0], "id": name} for name in IDS]
+    figures = {name: cell(0.123, None, 1.0, "x") for name in IDS}
+    drawn = draw_heat_map({"cases": all_of_them, "scenes": [{"name": "room", "cells": figures}]})
+    assert drawn.count("<title>") == 2 * len(IDS) and drawn.count(">.12<") == len(IDS)
+    assert float(drawn.split(' width="')[1].split('"')[0]) <= 1216.0  # page.css: 1280 px less its padding
 
 
 def test_a_case_is_told_by_the_curve_that_decides_it(made: dict[str, Any]) -> None:

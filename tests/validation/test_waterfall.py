@@ -17,7 +17,8 @@ from lightgauge.reference import pipeline
 from lightgauge.reference.errors import InputError
 from lightgauge.reference.progress import silent
 from lightgauge.reference.sh import irradiance
-from lightgauge.validation.bake import bake, sample_points
+from lightgauge.validation import run
+from lightgauge.validation.bake import Baked, bake, sample_points
 from lightgauge.validation.explain import story
 from lightgauge.validation.explain.command import explain_command
 from lightgauge.validation.explain.pixel import explain_pixel, pixel_point
@@ -28,13 +29,18 @@ from lightgauge.validation.report.page import write_report
 from lightgauge.validation.report.pictures import CameraPictures, CameraPose, SceneView
 from lightgauge.validation.report.pixel import pixel_context
 from lightgauge.validation.report.waterfall import waterfall_context
+from lightgauge.validation.sources import resolve_scene
+from lightgauge.validation.waterfall import chain, reference
+from lightgauge.validation.waterfall import story as waterfall_story
 from lightgauge.validation.waterfall.chain import gathered_stages
+from lightgauge.validation.waterfall.kept import Parts
 from lightgauge.validation.waterfall.links import NAMES, STAGES
 from lightgauge.validation.waterfall.measured import DIFFUSE_NOISE, enough_noise, measured
 from lightgauge.validation.waterfall.pictures import differences, thinned
 from lightgauge.validation.waterfall.record import waterfall_metrics, waterfall_table
-from lightgauge.validation.waterfall.reference import Reference, relative_noise
+from lightgauge.validation.waterfall.reference import REMAINDER, Reference, paths_needed, relative_noise
 from lightgauge.validation.waterfall.statistics import links_of, waterfall
+from lightgauge.validation.waterfall.story import with_waterfall
 from lightgauge.validation.waterfall.text import waterfalls_text
 from lightgauge.validation.waterfall.world import World, as_baked, world
 from small_scenes import box, material, scene
@@ -138,6 +144,72 @@ def test_the_room(room: World, device: OpenDevice) -> None:
     octree = pipeline.place(plain.scene, room.surfaces, 0)
     baked = bake(plain.scene, device, (room.surfaces, room.light), octree, 0, silent)
     assert np.array_equal(last, sample_points(baked, points).irradiance.astype(np.float64))
+
+
+def test_a_waterfall_that_was_stopped_goes_on(
+    room: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: OpenDevice
+) -> None:
+    """Over what a run baked, nothing is baked again; stopped before the pictures, it ends as one that was not, with no path or ray of
+    the finished parts traced again."""
+    monkeypatch.setenv("LIGHTGAUGE_CACHE", str(tmp_path))
+    baked = Baked(
+        room.scene, room.surfaces, room.probes, room.light, room.coefficients, room.culled, room.sampler, {},
+        room.uncut if room.uncut is not room.culled else None, room.storage, traced=room.traced,
+    )  # fmt: skip
+    monkeypatch.setattr(pipeline, "bake_surfaces", never)
+    again = world(room.scene, device, room.seed, silent, Parts("key"), (room.truth, baked))
+    assert np.array_equal(again.exact, room.exact) and np.array_equal(again.probe_light, room.probe_light)
+    assert np.array_equal(again.kept.texels, room.kept.texels) and again.probe_rays == room.probe_rays
+
+    def asked() -> tuple[dict[str, Any], list[SceneView]]:
+        return with_waterfall({"metrics": {}}, [], "key", lambda: again, silent)
+
+    pictures = waterfall_story.link_pictures
+    monkeypatch.setattr(waterfall_story, "link_pictures", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        asked()
+    monkeypatch.setattr(waterfall_story, "link_pictures", pictures)
+    with monkeypatch.context() as patch:
+        for module, name in ((chain, "ray_gather"), (reference, "irradiance_at")):
+            patch.setattr(module, name, never)
+        kept = measured(again, silent, Parts("key"))
+        world(room.scene, device, room.seed, silent, Parts("key"), (room.truth, baked))
+        with pytest.raises(AssertionError, match="again"):  # it is what they stand on
+            measured(again, silent)
+    assert waterfall_table(again, kept) == waterfall_table(room, measured(room, silent))
+    assert asked()[0]["waterfall"] == waterfall_table(again, kept)
+
+
+def test_a_run_hands_its_bake_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """What was measured just now is what is taken apart; a run that only measures keeps no bake."""
+    made, taken, kept = ("truth", "bake"), [], []
+
+    def measure(*asked: Any) -> tuple[dict[str, Any], list[SceneView]]:
+        kept.append(asked[-1] is not None)
+        if asked[-1] is not None:
+            asked[-1](*made)
+        return {"name": "sphere", "status": "ok"}, []
+
+    def dissect(record: dict[str, Any], views: list[SceneView], *asked: Any) -> tuple[dict[str, Any], list[SceneView]]:
+        taken.append(asked[-1])
+        return record, views
+
+    monkeypatch.setenv("LIGHTGAUGE_CACHE", str(tmp_path))
+    monkeypatch.setattr(run, "measure_scene", measure)
+    monkeypatch.setattr(run, "with_dissection", dissect)
+    monkeypatch.setattr(run, "write_report", lambda *_: {})
+    sphere = [resolve_scene("sphere")]
+    for seed, asked in ((1, Dissection(True, None)), (1, Dissection(True, None)), (2, None)):
+        run.run_scenes(sphere, {}, seed, tmp_path, True, "", dissected=asked)
+    assert taken == [made, None] and kept == [True, False]  # the second run recalls the record
+
+
+def never(*_: object, **__: object) -> None:
+    raise AssertionError("made again")
+
+
+def interrupted(*_: object) -> None:
+    raise KeyboardInterrupt
 
 
 def test_exact_light_is_what_probes_should_hold(room: World) -> None:
@@ -253,6 +325,17 @@ def test_noise_that_a_stage_between_may_have() -> None:
     own = relative_noise(reference.irradiance)
     assert enough_noise(reference, np.ones((500, 3))) == pytest.approx(own, rel=0.3)
     assert enough_noise(reference, np.full((500, 3), 1.5)) == pytest.approx(0.5 * DIFFUSE_NOISE, rel=0.02)
+
+
+def test_paths_that_would_explain_more() -> None:
+    """Noise e² of the squared error at 64 paths: so many paths leave 3 % of it, here with every reference drawn anew."""
+    assert paths_needed(64, 0.05) == paths_needed(64, 1.0) == 0
+    stages, _ = made_stages(8)
+    remainder = 1.0 - waterfall(stages).explained
+    assert remainder > 0.1
+    needed = paths_needed(64, remainder)
+    finer, _ = made_stages(8, noise=0.5 * np.sqrt(64 / needed))
+    assert 1.0 - waterfall(finer).explained == pytest.approx(REMAINDER, abs=0.005)
 
 
 def test_links_of_stages_with_and_without_batches() -> None:

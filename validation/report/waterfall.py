@@ -31,12 +31,16 @@ def waterfall_context(found: Mapping[str, Any] | None, views: Sequence[SceneView
         "links": [link["label"] for link in links],
         "cross": _cross(sets["camera"], links),
         "views": [_view(view, links) for view in views if view.links is not None],
-        "paths": f"{found['reference']['paths']:,}",
-        "noise": percent(found["reference"]["noise"], 2),
+        "reference": _budget(found["reference"]),
+        "diffuse": _budget(found["diffuse"]) if "diffuse" in found else "",
         "rays": f"{found['rays']['point']:,}",
         "times": found["rays"]["patch_times"],
         "notes": list(found["notes"]),
     }
+
+
+def _budget(found: Mapping[str, Any]) -> str:
+    return f"{found['paths']:,} paths a point, noise {percent(found['noise'], 2)}"
 
 
 def _set(name: str, one: Mapping[str, Any], links: Sequence[Mapping[str, Any]]) -> JsonObject:

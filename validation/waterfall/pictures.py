@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -25,9 +26,11 @@ from ...reference.progress import Progress
 from ...reference.truth.mitsuba_scene import build_truth_scene
 from ...reference.truth.path_traced import path_depth, picture
 from ...reference.truth.points import CameraView, Points
+from ..ground_truth import named
 from ..report.pictures import LUMINANCE
 from ..report.sections import AVERAGES, NOISY
 from .chain import gathered_stages, in_parts
+from .kept import Parts
 from .links import LINKS, NAMES
 from .reference import geometry_of, punctual
 from .world import World, as_baked
@@ -40,9 +43,18 @@ BY_RAYS = ("sh_order", "offset", "interpolation")  # links with few rays at an e
 SMALL = 1  # radius of the window that those are averaged over
 
 
-def link_pictures(w: World, progress: Progress) -> dict[str, dict[str, F32]]:
-    """By camera and name of the link (H, W) f32: signed, relative, 0 where no surface is seen."""
-    return {name: _of_camera(w, name, view, progress) for name, view in w.truth.views.items()}
+def link_pictures(w: World, progress: Progress, parts: Parts | None = None) -> dict[str, dict[str, F32]]:
+    """By camera and name of the link (H, W) f32, of half a float's precision: signed, relative, 0 where no surface is seen. parts:
+    keeps each camera's."""
+    parts, found = parts or Parts(), dict[str, F32]()
+    for name, view in w.truth.views.items():
+        told = named(progress, name)
+        found |= parts.arrays(f"pictures.{name}", partial(_packed_camera, w, name, view, told))
+    return unpacked(found)
+
+
+def _packed_camera(w: World, name: str, view: CameraView, progress: Progress) -> dict[str, F32]:
+    return packed({name: _of_camera(w, name, view, progress)})
 
 
 @dataclass(frozen=True, eq=False)

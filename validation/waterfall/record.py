@@ -7,21 +7,29 @@ from typing import Any
 from ..record import metric
 from .links import LINKS, NAMES
 from .measured import RAYS, Measured
+from .reference import Reference, relative_noise
 from .statistics import Waterfall
 from .world import EXACT_RAYS, World
 
 
 def waterfall_table(w: World, found: Measured) -> dict[str, Any]:
     """links: names and what they are made of. sets: by name, see `set_table`; meshes: the same by mesh, relative to the scene's mean
-    light. reference: paths and noise behind it. All figures are relative to the mean light, standard errors beside them."""
+    light. reference, diffuse (absent where the bake sees all): paths and noise behind the stages by paths; needed: paths that would do,
+    0 where these do. All figures are relative to the mean light, standard errors beside them."""
     return {
         "links": [{"name": link.name, "label": link.label, "says": link.says} for link in LINKS],
         "sets": {name: set_table(one) for name, one in found.sets.items()},
         "meshes": {name: set_table(one, cross=False) for name, one in found.meshes.items()},
-        "reference": {"paths": found.reference.spp, "noise": found.noise, "needed": found.reference.needed},
+        "reference": {**paths_table(found.reference), "needed": found.reference.needed},
+        **({} if found.diffuse is None else {"diffuse": paths_table(found.diffuse)}),
         "rays": {"point": RAYS, "probe": w.probe_rays, "patch_times": EXACT_RAYS},
         "notes": list(found.notes),
     }
+
+
+def paths_table(found: Reference) -> dict[str, Any]:
+    """paths: a point. noise: standard error of the light there, root mean square over the mean."""
+    return {"paths": found.spp, "noise": relative_noise(found.irradiance)}
 
 
 def set_table(found: Waterfall, cross: bool = True) -> dict[str, Any]:

@@ -8,6 +8,7 @@ would need more says so.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +20,12 @@ from ...reference.truth.mitsuba_scene import build_truth_scene
 from ...reference.truth.path_traced import irradiance_at, path_depth
 from ...reference.truth.points import Points
 from ...reference.visibility import Geometry, build_geometry
+from .. import cache
 from ..metrics.error import cross_half_mse
+from .kept import Parts
 
 REMAINDER = 0.03  # of the squared error may be the reference's noise
+UNEXPLAINED = 0.05  # more than that is said, with what it would take
 MOST_PATHS = 16_000_000
 MOST_SPP = 1 << 18
 LEAST_ERROR = 1e-3  # relative: less is not taken apart
@@ -39,10 +43,10 @@ class Reference:
 
 
 def finer(
-    scene: Scene, g: Geometry, points: Points, first: Reference, ours: F64, seed: int, progress: Progress
+    scene: Scene, g: Geometry, points: Points, first: Reference, ours: F64, seed: int, progress: Progress, parts: Parts
 ) -> Reference:
     """The reference `first` (B, N, 3) at `points` with as many more paths as REMAINDER takes, given what is sampled there (N, 3): for
-    all points together and for those of each camera."""
+    all points together and for those of each camera. parts: keeps them."""
     groups = [np.ones(len(ours), dtype=np.bool_)]
     if points.camera is not None:
         groups += [points.camera == camera for camera in np.unique(points.camera)]
@@ -53,7 +57,9 @@ def finer(
     more = math.ceil(first.spp * (times - 1.0))
     allowed = min(MOST_SPP, max(MOST_PATHS // len(points.positions), 512))
     noise = relative_noise(first.irradiance) * math.sqrt(first.spp / more)
-    found = paths(scene, g, points, noise, min(more, allowed), seed + SEED, progress)
+    found = kept_paths(
+        parts, "reference", lambda: paths(scene, g, points, noise, min(more, allowed), seed + SEED, progress)
+    )
     share = found.spp / (found.spp + first.spp)
     both = share * found.irradiance + (1.0 - share) * first.irradiance
     return Reference(both, found.spp + first.spp, first.spp + more if more > allowed else 0)
@@ -77,6 +83,17 @@ def paths(
     return Reference(found.irradiance + punctual(scene, g, points), found.spp)
 
 
+def kept_paths(parts: Parts, name: str, work: Callable[[], Reference]) -> Reference:
+    """The paths of `work`, kept as the part `name`."""
+
+    def arrays() -> cache.Arrays:
+        found = work()
+        return {"irradiance": found.irradiance, "spp": np.array(found.spp)}
+
+    kept = parts.arrays(name, arrays)
+    return Reference(kept["irradiance"], int(kept["spp"]))
+
+
 def punctual(scene: Scene, g: Geometry, points: Points) -> F64:
     """Direct light (N, 3) of punctual lights tagged `input`, which no path meets."""
     total = np.zeros_like(points.positions)
@@ -88,6 +105,14 @@ def punctual(scene: Scene, g: Geometry, points: Points) -> F64:
 def geometry_of(scene: Scene) -> Geometry:
     """What blocks punctual light in the path tracer: moving meshes too."""
     return build_geometry(scene, moving=True)
+
+
+def paths_needed(spp: int, remainder: float) -> int:
+    """Paths a point that leave REMAINDER of the squared error, where `spp` leave `remainder` (0 to 1) of it; 0 where that is at most
+    UNEXPLAINED, or where there is nothing but noise. The noise's square falls with one over the paths, the error stays."""
+    if not UNEXPLAINED < remainder < 1.0:
+        return 0
+    return math.ceil(spp * remainder * (1.0 - REMAINDER) / ((1.0 - remainder) * REMAINDER))
 
 
 def relative_noise(batches: F64) -> float:

@@ -9,6 +9,7 @@ from typing import Any
 from ...reference.progress import Progress
 from .. import cache
 from ..report.pictures import SceneView
+from .kept import Parts
 from .measured import measured
 from .pictures import link_pictures, packed, unpacked
 from .record import waterfall_metrics, waterfall_table
@@ -19,15 +20,16 @@ def with_waterfall(
     record: Mapping[str, Any], views: Sequence[SceneView], key: str, world: Callable[[], World], progress: Progress
 ) -> tuple[dict[str, Any], list[SceneView]]:
     """The record and the views of a scene with its waterfall. key: of the record, all that it depends on; world: bakes it, called only
-    where the waterfall is not kept from before.
+    where the waterfall is not kept from before. A waterfall that was stopped goes on from the parts that were finished.
 
     Raises InputError as `measured` does.
     """
     name = cache.key(key, "waterfall")
     kept = cache.load("waterfall", name)
     if kept is None:
+        parts = Parts(key)
         made = world()
-        table, pictures = waterfall_table(made, measured(made, progress)), link_pictures(made, progress)
+        table, pictures = waterfall_table(made, measured(made, progress, parts)), link_pictures(made, progress, parts)
         cache.store("waterfall", name, {"table": cache.pack_json(table), **packed(pictures)})
     else:
         table, pictures = cache.unpack_json(kept["table"]), unpacked(kept)

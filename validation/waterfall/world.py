@@ -28,15 +28,18 @@ from ...reference.transport.reconcile import reconcile
 from ...reference.transport.solvers import METHODS
 from ...reference.volume.linear import texel_matrix
 from ...reference.volume.tiles import fill_tiles, probe_texels, with_copies
-from ..bake import filled
-from ..formats import sampling_format
+from ..bake import Baked, bake
+from ..cache import Arrays
 from ..ground_truth import GroundTruth, ground_truth
+from .kept import Parts
 
 EXACT_RAYS = 8  # times the bake's rays, of patches and shadows: what noise they still have counts as the bake's
 MOST_PATCH_RAYS = 1 << 20
 # Probes come in batches whose noise cancels from every figure; it is only seen in pictures, at half of the bake's own.
 PROBE_TIMES, PROBE_RAYS = 4, (1024, 4096)  # times the bake's rays; least and most of a retraced probe
 SEED = 4000  # apart from all that the bake draws
+
+Made = tuple[GroundTruth, Baked]  # the bake with what culling took away: `traced`
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,27 +81,40 @@ class World:
         return texel_matrix(self.traced.layout, self.traced.light_from)
 
 
-def world(scene: Scene, device: OpenDevice, seed: int, progress: Progress) -> World:
+def world(
+    scene: Scene,
+    device: OpenDevice,
+    seed: int,
+    progress: Progress,
+    parts: Parts | None = None,
+    made: Made | None = None,
+) -> World:
     """Bake and light the scene with the seeds of a run, recall or trace its truth, and compute the exact counterparts.
 
-    Raises InputError as `measure_scene` does.
+    parts: keeps those. made: what the run itself baked just before, with the same seed, instead of a bake like it. Raises InputError as
+    `measure_scene` does.
     """
+    truth, baked = made or _made(scene, device, seed, progress)
+    surfaces, light, probes = baked.surfaces, baked.light, baked.probes
+    traced = baked.traced or probes  # the very same where nothing was culled
+    uncut = baked.texture if baked.uncut is None else baked.uncut
+    parts = parts or Parts()
+    exact = parts.arrays("patches", lambda: {"light": exact_light(scene, surfaces, seed, progress)})["light"]
+    kept = parts.arrays("probes", lambda: _probe_light(scene, surfaces, traced, light, seed))
+    stored = _texture(probes, baked.coefficients, baked.storage)
+    return World(
+        scene, truth, surfaces, light, exact, traced, probes, baked.coefficients, uncut, baked.texture, stored,
+        baked.sampler, baked.storage, kept["light"], int(kept["rays"]), seed,
+    )  # fmt: skip
+
+
+def _made(scene: Scene, device: OpenDevice, seed: int, progress: Progress) -> Made:
+    """Truth and bake as `measure_scene` has them."""
     truth = ground_truth(scene, seed, progress)
     surfaces = pipeline.bake_surfaces(scene, seed, progress)
     light = pipeline.light_patches(scene, surfaces, seed, progress)
-    traced = pipeline.trace_probes(scene, surfaces, pipeline.place(scene, surfaces, seed), seed, progress)
-    probes = pipeline.cull_probes(scene, surfaces, traced, seed, progress)
-    storage, layout = sampling_format(device.info, scene.settings.sampling.reconstruction)
-    coefficients = pipeline.probe_light(scene, surfaces, probes, light)
-    uncut = _texture(traced, pipeline.probe_light(scene, surfaces, traced, light), "float32")
-    culled = _texture(probes, coefficients, "float32") if probes is not traced else uncut
-    cache = filled(device, probes, coefficients, storage, layout)
-    sampler = Sampler(device, culled, storage, layout, scene.settings.sampling.reconstruction, cache)
-    probe_light, rays = _probe_light(scene, surfaces, traced, light, seed)
-    return World(
-        scene, truth, surfaces, light, exact_light(scene, surfaces, seed, progress), traced, probes, coefficients,
-        uncut, culled, _texture(probes, coefficients, storage), sampler, storage, probe_light, rays, seed,
-    )  # fmt: skip
+    octree = pipeline.place(scene, surfaces, seed)
+    return truth, bake(scene, device, (surfaces, light), octree, seed, progress, keep_traced=True)
 
 
 def _texture(probes: pipeline.Probes, coefficients: F32, storage: Storage) -> VirtualTexture:
@@ -120,15 +136,15 @@ def exact_light(scene: Scene, surfaces: pipeline.Surfaces, seed: int, progress: 
 
 def _probe_light(
     scene: Scene, surfaces: pipeline.Surfaces, traced: pipeline.Probes, light: pipeline.PatchLight, seed: int
-) -> tuple[F64, int]:
-    """Light (B, R, K, 3) at the probes by rays of their own, and how many each."""
+) -> Arrays:
+    """light (B, R, K, 3) f64 at the probes by rays of their own, and how many each: rays."""
     order = order_for(scene.settings.sampling.reconstruction)
     g, positions = surfaces.geometry, traced.octree.positions
     mean = float(np.mean(traced.rows.rays))
     rays = int(np.clip(1 << int(np.ceil(np.log2(PROBE_TIMES * mean))), *PROBE_RAYS))
     device_patches = upload_patches(g, surfaces.patches)
     found = ray_gather(g, device_patches, positions, None, [light.radiosity.light], rays, seed + SEED + 1, order)
-    return found.radiance + pipeline.punctual_input(scene, g, positions, order), rays
+    return {"light": found.radiance + pipeline.punctual_input(scene, g, positions, order), "rays": np.array(rays)}
 
 
 def as_baked(scene: Scene) -> Scene | None:
