@@ -118,10 +118,10 @@ def test_one_cell_stops_it_at_one_place() -> None:
 def test_askew_edges_are_found_in_meshes() -> None:
     square, turned_room = two_rooms(1.0, (0, 0, 0)), two_rooms(1.0, (0, 30, 0))
     assert len(askew_edges(square.surfaces.geometry)[0]) == 0
-    ends, into = askew_edges(turned_room.surfaces.geometry)
+    ends, normals = askew_edges(turned_room.surfaces.geometry)
     assert len(ends) == 8  # the upright ones of both rooms; outside, edges are ridges
     np.testing.assert_allclose(np.abs(ends[:, 1] - ends[:, 0]), np.tile([0.0, 3.0, 0.0], (8, 1)), atol=1e-4)
-    inside = ends.mean(axis=1) + 0.1 * into
+    inside = ends.mean(axis=1) + 0.1 * normals.sum(axis=1)
     assert (turned_room.dark.inside(inside) | turned_room.lit.inside(inside)).all()
 
 

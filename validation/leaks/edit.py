@@ -6,11 +6,11 @@ import numpy as np
 
 from ...reference.datatypes import F64, I64, Bool
 from ...reference.errors import InputError
-from ...reference.lattice import NEIGHBOURS, Octree, cells, index_of, keys, unique_cells
+from ...reference.lattice import NEIGHBOURS, Grid, Octree, cells, index_of, keys, unique_cells
 from ...reference.progress import Progress
 from .attribution import Leaks, blamed
 from .descent import TRIED, finer_cells
-from .field import LightField, Places, cells_at, joined, places
+from .field import LightField, Places, cells_at, joined, part, places
 from .offenders import offenders
 from .search import Edit, Search, layers_of
 from .smallest import smallest
@@ -40,7 +40,7 @@ def find_edit(search: Search, progress: Progress) -> Edit:
     voxels = _leaking_voxels(search.field, edit.before, edit.places)
 
     def fresh(search: Search, tried: Edit, number: int) -> Places:
-        return _still_leaking(search, tried.field, voxels, number)
+        return joined([_still_leaking(search, tried.field, voxels, number), in_the_edges(search, tried.field, number)])
 
     for _ in range(MOST_TURNS):
         grown = _grow(search, edit, voxels, few, progress)
@@ -54,7 +54,7 @@ def find_edit(search: Search, progress: Progress) -> Edit:
 
 def _nothing(search: Search) -> Edit:
     """No edit yet, and the places that it is to be looked at."""
-    at = joined([search.at, in_the_edges(search, search.field)])
+    at = joined([search.at, in_the_edges(search, search.field, 0)])
     at = joined([at, along_the_walls(search, search.field, at)])
     leaks = search.leaks(search.field, at)
     sheets = int(_through_sheets(search, leaks, at).sum())
@@ -81,7 +81,8 @@ def _grow(search: Search, edit: Edit, voxels: dict[int, I64], few: int, progress
             refused, deepest = str(error), max(grown) - 1
             continue
         chosen = grown
-        at = joined([at, _still_leaking(search, field, voxels, edit.rounds + rounds)])
+        number = edit.rounds + rounds
+        at = joined([at, _still_leaking(search, field, voxels, number), in_the_edges(search, field, number)])
         now = search.leaks(field, at)
     sheets = int(_through_sheets(search, now, at).sum())
     before, layers = search.leaks(search.field, at), edit.layers
@@ -116,11 +117,30 @@ def _still_leaking(search: Search, field: LightField, voxels: dict[int, I64], nu
         share = (STRATA + random.random((len(cell), *STRATA.shape))) / PER_AXIS
         tried.append((grid.origin + (cell[:, None, :] + share) * grid.size(level)).reshape(-1, 3))
     fresh = np.concatenate(tried)
-    fresh = fresh[search.wanted(fresh)]
-    fresh = fresh[:: 1 + len(fresh) // MOST_CHECKED]
-    fresh = fresh[in_the_open(field.geometry, fresh)]
-    here = places(fresh, None, "between")
-    return places(fresh[search.leaks(field, here).leaks], None, "between")
+    both = (
+        places(fresh[1::2], None, "between"),
+        places(_at_faces(fresh[::2], field.octree.grid, random), None, "slivers"),
+    )
+    here = joined([_to_be_looked_at(search, field, some, MOST_CHECKED // 2) for some in both])
+    return part(here, np.flatnonzero(search.leaks(field, here).leaks))
+
+
+def _to_be_looked_at(search: Search, field: LightField, at: Places, most: int) -> Places:
+    """Those that an edit is for, in the open: `most` at most."""
+    wanted = np.flatnonzero(search.wanted(at.positions))
+    at = part(at, wanted[:: 1 + len(wanted) // most])
+    return part(at, np.flatnonzero(in_the_open(field.geometry, at.positions)))
+
+
+def _at_faces(positions: F64, grid: Grid, random: np.random.Generator) -> F64:
+    """Places (N, 3) m moved along one axis to beside a face of the finest voxels, 2^-12 to 1/2 of one from it: where the four corners
+    of a face are invalid, a sliver along it has too little weight for its own voxel to answer."""
+    count = len(positions)
+    axis, side = random.integers(0, 3, count), random.choice((-1.0, 1.0), count)
+    moved, rows = positions.copy(), np.arange(count)
+    steps = (positions[rows, axis] - grid.origin[axis]) / grid.finest
+    moved[rows, axis] = grid.origin[axis] + (np.rint(steps) + side * 0.5 ** random.uniform(1, 12, count)) * grid.finest
+    return moved
 
 
 def _cells_for(
@@ -164,9 +184,10 @@ def along_the_walls(search: Search, field: LightField, at: Places) -> Places:
     return joined(found)
 
 
-def in_the_edges(search: Search, field: LightField) -> Places:
-    """Places in the tips of edges that are askew to the lattice, where voxels may have no valid probe (`tips`)."""
-    tips = edge_places(field.geometry, field.octree.grid.wanted)
+def in_the_edges(search: Search, field: LightField, number: int) -> Places:
+    """Places in the tips of edges that are askew to the lattice, where voxels may have no valid probe (`tips`), as deep as the finest
+    voxels ask for: others for every `number`."""
+    tips = edge_places(field.geometry, min(field.octree.grid.wanted, field.octree.grid.finest), number)
     tips = tips[search.wanted(tips)]
     return places(tips[in_the_open(field.geometry, tips)], None, "edges")
 

@@ -18,9 +18,8 @@ from .walls import in_the_open
 MOST_TRIES = 4
 PER_AXIS = 4  # places in each cell that are looked at: a cell with none in it would not be missed
 MOST_PLACES = 400_000
-Fresh = Callable[
-    [Search, Edit, int], Places
-]  # leaking places of an edit that were not looked at yet, others for every number
+# Places where an edit may leak and that were not looked at yet, others for every number.
+Fresh = Callable[[Search, Edit, int], Places]
 
 
 def smallest(search: Search, edit: Edit, fresh: Fresh, progress: Progress) -> Edit:

@@ -34,8 +34,8 @@ from ...reference.volume.sampler import MIN_WEIGHT
 
 IN_WALL, IN_ROOM, BEYOND = 0, 1, 2
 HAIR = 1e-6  # of a product of normals: what rounding may leave of a right angle
-DEPTHS = 0.5 ** np.arange(2, 8)  # of a voxel: how far into the room places at its edges are
-PER_VOXEL = 4  # places along an edge
+SHALLOW = 7  # places at edges are 2^-7 to 1/2 of a voxel deep in the room
+PER_VOXEL = 24  # places along an edge
 MOST = 50_000
 
 Classify = Callable[
@@ -80,7 +80,7 @@ def served_by(q: F64, levels: int, kind: Classify) -> ServedBy:
 
 
 def askew_edges(g: Geometry) -> tuple[F64, F64]:
-    """Ends (N, 2, 3) m and the unit way into the room (N, 3) of the askew edges where two faces of one mesh meet in a hollow."""
+    """Ends (N, 2, 3) m of the askew edges where two faces of one mesh meet in a hollow, and normals (N, 2, 3) of these faces."""
     corner, welded = np.unique(
         np.round(g.vertices[g.faces].reshape(-1, 3) / (1e-6 * g.scale)), axis=0, return_inverse=True
     )
@@ -97,19 +97,22 @@ def askew_edges(g: Geometry) -> tuple[F64, F64]:
     a, b = g.normals[owner[first]], g.normals[owner[second]]
     hollow = np.einsum("ni,ni->n", points[opposite[second]] - points[pair[first, 0]], a) > 1e-4 * g.scale
     chosen = np.flatnonzero(hollow & askew(a, b))
-    into = a[chosen] + b[chosen]
-    length = np.maximum(np.linalg.norm(into, axis=1, keepdims=True), 1e-9)
-    return points[pair[first[chosen]]], into / length
+    return points[pair[first[chosen]]], np.stack([a[chosen], b[chosen]], axis=1)
 
 
-def edge_places(g: Geometry, voxel: float) -> npt.NDArray[np.float64]:
-    """Places (N, 3) m in the tips of all askew edges: PER_VOXEL to a `voxel`, m, of length, each at several depths."""
-    ends, into = askew_edges(g)
+def edge_places(g: Geometry, voxel: float, seed: int) -> npt.NDArray[np.float64]:
+    """Places (N, 3) m in the tips of all askew edges: PER_VOXEL to a `voxel`, m, of length, at random depths and between both walls.
+    Others for every seed."""
+    random = np.random.default_rng([seed, 31])
+    ends, normals = askew_edges(g)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    count = np.maximum(1, np.ceil(PER_VOXEL * length / voxel)).astype(np.int64)
-    count = np.maximum(1, count * min(1.0, MOST / max(1, int(count.sum()) * len(DEPTHS)))).astype(np.int64)
+    count = np.maximum(1, np.ceil(PER_VOXEL * length / voxel))
+    count = np.maximum(1, count * min(1.0, MOST / max(1.0, float(count.sum())))).astype(np.int64)
     edge = np.repeat(np.arange(len(ends)), count)
     number = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
-    share = ((number + 0.5) / count[edge])[:, None]
+    along, between, depth = random.random((3, len(edge), 1))
+    share = (number[:, None] + along) / count[edge][:, None]
     on = ends[edge, 0] * (1.0 - share) + ends[edge, 1] * share
-    return np.asarray((on[:, None, :] + voxel * DEPTHS[:, None] * into[edge][:, None, :]).reshape(-1, 3))
+    into = normals[edge, 0] * (1.0 - between) + normals[edge, 1] * between
+    into /= np.maximum(np.linalg.norm(into, axis=1, keepdims=True), 1e-9)
+    return np.asarray(on + voxel * 0.5 ** (1.0 + (SHALLOW - 1.0) * depth) * into)
