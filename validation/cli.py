@@ -47,8 +47,7 @@ def _guarded(arguments: Namespace) -> int:
             "error: out of memory; coarser settings need less, as in --set placement.min_voxel=1", verbs.LACKING
         )
     except KeyboardInterrupt:
-        kept = "nothing of a bench is kept. Again" if arguments.verb == "bench" else "finished work is kept. To resume"
-        return _tell(f"stopped; {kept}: {arguments.command}", verbs.STOPPED)
+        return _stopped(arguments)
     except BrokenPipeError:
         raise
     except ModuleNotFoundError as error:
@@ -56,11 +55,19 @@ def _guarded(arguments: Namespace) -> int:
             return _fault(error)
         return _tell(f"error: the package {error.name} is missing. To mend it: make setup", verbs.LACKING)
     except Exception as error:
+        if isinstance(error, SystemError) and isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):
+            return _stopped(arguments)  # Ctrl-C while a module of compiled code is imported
         if isinstance(error, OSError) and error.errno in _FULL_DISK:
             return _tell(f"error: no space left: {error.filename or arguments.command}", verbs.LACKING)
         if isinstance(error, OSError) and _under_out(error, arguments):
             return _tell(f"error: --out {arguments.out}: {error.strerror} ({error.filename})", verbs.BAD_INPUT)
         return _fault(error)
+
+
+def _stopped(arguments: Namespace) -> int:
+    """Says how to go on after Ctrl-C."""
+    kept = "nothing of a bench is kept. Again" if arguments.verb == "bench" else "finished work is kept. To resume"
+    return _tell(f"stopped; {kept}: {arguments.command}", verbs.STOPPED)
 
 
 def _under_out(error: OSError, arguments: Namespace) -> bool:

@@ -34,9 +34,8 @@ WORST_NORMALS = 32
 @dataclass(frozen=True)
 class Bound:
     """held: share of probes × lightings where the fresh |ΔE| is within the bake's ‖ΔF‖₁ B_max. closest: largest ratio of the two;
-    noise:
-    root mean square of the standard error of the fresh |ΔE| under the random lightings, as a share of the bound. lightings: random
-    ones, and one for each probe."""
+    noise: root mean square of the standard error of the fresh |ΔE| under the random lightings, as a share of the bound. lightings:
+    random ones, and one for each probe."""
 
     held: float
     closest: float
@@ -60,6 +59,9 @@ def bound(s: Setting, fresh: Retraced, seed: int, lightings: int = LIGHTINGS) ->
         for half in (0, 1)
     ]
     worst = _worst(fresh, normals[:WORST_NORMALS])
+    foreseen = np.maximum(
+        foreseen, np.finfo(np.float64).tiny
+    )  # a probe that its parents equal: held only if nothing changes
     # The halves are independent and alike: half their difference is one draw of the noise of their mean.
     mean, noise = 0.5 * (random[0] + random[1]) / foreseen[:, None], 0.5 * (random[0] - random[1]) / foreseen[:, None]
     size = np.concatenate([np.abs(mean), worst / foreseen[:, None]], axis=1)

@@ -49,7 +49,8 @@ class Paired:
 
 def paired_eta(own_cost: float, own: F64, costs: Sequence[float], grids: Sequence[F64]) -> Paired | None:
     """own (S, B): mean squared errors by placement and block of points, at cost `own_cost`; grids: the same (S_g, B), in the same
-    blocks, of each size of grid, at `costs`. None where fewer than LEAST grids are near in error, or none on one of its sides."""
+    blocks, of each size of grid, at `costs`. None where fewer than LEAST grids are near in error, or none on one of its sides, where
+    an error is under the points' noise, or where the line through the grids does not fall for sure."""
     error = np.log([max(float(g.mean()), np.finfo(np.float64).tiny) for g in (own, *grids)]) / 2.0
     near = [i for i in range(len(grids)) if abs(error[1 + i] - error[0]) <= math.log(REACH)]
     around = [error[1 + i] for i in near]
@@ -71,7 +72,14 @@ def paired_eta(own_cost: float, own: F64, costs: Sequence[float], grids: Sequenc
     def rest(a: F64, i: int, axis: int) -> F64:
         return np.delete(a, i, axis=axis)
 
-    points = [log_eta(rest(own, b, 1), [rest(g, b, 1) for g in curve]) for b in range(own.shape[1])]
+    blocks = range(own.shape[1])
+    kept = [[rest(g, b, 1) for g in (own, *curve)] for b in blocks]
+    if len(blocks) < 2 or min(float(g.mean()) for some in kept for g in some) <= 0.0:
+        return None
+    slopes = [line([float(g.mean()) for g in some[1:]])[0] for some in kept]
+    if line([float(g.mean()) for g in curve])[0] + SURE * float(se_of_rest(slopes)) >= 0.0:
+        return None
+    points = [log_eta(some[0], some[1:]) for some in kept]
     ours = [log_eta(rest(own, s, 0), curve) for s in range(len(own))] if len(own) > 1 else []
     theirs = [
         float(se_of_rest([log_eta(own, [*curve[:g], rest(curve[g], s, 0), *curve[g + 1 :]]) for s in range(len(curve[g]))]))

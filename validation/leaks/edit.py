@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from ...reference.datatypes import F64, I64, Bool
@@ -18,7 +20,9 @@ from .tips import edge_places
 from .walls import in_the_open, is_sheet
 
 MOST_ROUNDS = 6
-MOST_TURNS = 3  # of growing and making smaller
+MOST_TURNS = 5  # of growing, each looked at in DRAWS draws of places
+DRAWS = 8
+MANY = 10_000  # more bakes than a search has: numbers of draws from here on are not those of its bakes
 MOST_DEEPER = 4  # levels below placement.min_voxel: walls that taper off would want ever finer voxels
 MOST_CELLS = 200_000
 PER_AXIS = 6  # places in each voxel at or beside a leak that are looked at after each bake
@@ -32,24 +36,42 @@ def find_edit(search: Search, progress: Progress) -> Edit:
     """Search for the smallest edit: cells by the descent, verified by baking, grown where light still comes through; then without
     those of them that it can do without (`smallest`).
 
-    Each bake is also looked at in places that no earlier one was, all over the voxels that leaked. Where such a place leaks through
-    the edit that was to be the last one, it is grown from there and made smaller once more.
+    Each bake is also looked at in places that no earlier one was, all over the voxels that leaked, in slivers beside faces and in tips
+    of edges; the last one at many, at which nothing may be lost by making it smaller either. What is left is counted at as many others.
     """
     edit = _nothing(search)
     few = 0 if search.dark is not None else int(ENOUGH * edit.before.leaks.sum())
     voxels = _leaking_voxels(search.field, edit.before, edit.places)
-
-    def fresh(search: Search, tried: Edit, number: int) -> Places:
-        return joined([_still_leaking(search, tried.field, voxels, number), in_the_edges(search, tried.field, number)])
-
-    for _ in range(MOST_TURNS):
+    dense = edit.places
+    for turn in range(MOST_TURNS):
         grown = _grow(search, edit, voxels, few, progress)
-        if grown.layers == edit.layers:  # nothing more that helps
-            return grown
-        edit = smallest(search, grown, fresh, progress)
+        if grown.layers is edit.layers:  # nothing more that helps
+            break
+        dense = joined([dense, _draws(search, grown.field, voxels, turn)])
+        edit = _with_places(search, grown, _leaking(search, grown.field, dense))
         if int(edit.after.leaks.sum()) <= few:
             break
-    return edit
+
+    def fresh(search: Search, tried: Edit, number: int) -> Places:
+        return _leaking(search, tried.field, _looked_at(search, tried.field, voxels, number))
+
+    edit = smallest(search, edit, dense, fresh, progress)
+    others = _draws(search, edit.field, voxels, MOST_TURNS)
+    edit = _with_places(search, edit, _leaking(search, edit.field, others))
+    return dataclasses.replace(edit, checked=others.count)
+
+
+def _draws(search: Search, field: LightField, voxels: dict[int, I64], turn: int) -> Places:
+    """DRAWS draws of places, others for every `turn` and none that a search looks at."""
+    return joined([_looked_at(search, field, voxels, MANY + DRAWS * turn + k) for k in range(DRAWS)])
+
+
+def _with_places(search: Search, edit: Edit, more: Places) -> Edit:
+    """The edit with more places that it is judged by."""
+    at = joined([edit.places, more])
+    return dataclasses.replace(
+        edit, places=at, before=search.leaks(search.field, at), after=search.leaks(edit.field, at)
+    )
 
 
 def _nothing(search: Search) -> Edit:
@@ -82,14 +104,15 @@ def _grow(search: Search, edit: Edit, voxels: dict[int, I64], few: int, progress
             continue
         chosen = grown
         number = edit.rounds + rounds
-        at = joined([at, _still_leaking(search, field, voxels, number), in_the_edges(search, field, number)])
+        at = joined([at, _leaking(search, field, _looked_at(search, field, voxels, number))])
         now = search.leaks(field, at)
     sheets = int(_through_sheets(search, now, at).sum())
     before, layers = search.leaks(search.field, at), edit.layers
     if _count(chosen) > edit.cells:
         layers = layers_of(grid, chosen)
     most = max(edit.grown, _count(chosen))
-    return Edit(layers, at, before, now, field, edit.rounds + rounds, sheets, refused, most, edit.minimal)
+    minimal = edit.minimal and layers is edit.layers
+    return Edit(layers, at, before, now, field, edit.rounds + rounds, sheets, refused, most, minimal, edit.checked)
 
 
 def _leaking_voxels(field: LightField, leaks: Leaks, at: Places) -> dict[int, I64]:
@@ -109,8 +132,9 @@ def _beside(octree: Octree, level: int, cell: I64) -> I64:
     return around[index_of(keys(octree.voxels[level]), keys(around)) >= 0]
 
 
-def _still_leaking(search: Search, field: LightField, voxels: dict[int, I64], number: int) -> Places:
-    """Leaking places of a field all over `voxels`, cells (N, 3) by level of the search's own: others for every `number`."""
+def _looked_at(search: Search, field: LightField, voxels: dict[int, I64], number: int) -> Places:
+    """Places for a field all over `voxels`, cells (N, 3) by level of the search's own, half of them in slivers beside faces, and in the
+    tips of edges: others for every `number`."""
     grid, random = search.field.octree.grid, np.random.default_rng([number, 29])
     tried = [np.zeros((0, 3))]
     for level, cell in voxels.items():
@@ -121,8 +145,13 @@ def _still_leaking(search: Search, field: LightField, voxels: dict[int, I64], nu
         places(fresh[1::2], None, "between"),
         places(_at_faces(fresh[::2], field.octree.grid, random), None, "slivers"),
     )
-    here = joined([_to_be_looked_at(search, field, some, MOST_CHECKED // 2) for some in both])
-    return part(here, np.flatnonzero(search.leaks(field, here).leaks))
+    some = [_to_be_looked_at(search, field, one, MOST_CHECKED // 2) for one in both]
+    return joined([*some, in_the_edges(search, field, number)])
+
+
+def _leaking(search: Search, field: LightField, at: Places) -> Places:
+    """Those that leak with a field."""
+    return part(at, np.flatnonzero(search.leaks(field, at).leaks))
 
 
 def _to_be_looked_at(search: Search, field: LightField, at: Places, most: int) -> Places:

@@ -147,6 +147,7 @@ def _edit(field: LightField, edit: Edit) -> dict[str, Any]:
         "grown_cells": edit.grown,
         "minimal": edit.minimal,
         "still_leaking": int(edit.after.leaks.sum()),
+        "checked": edit.checked,
         "lit_in_sight": edit.in_sight,
         "through_sheets": edit.sheets,
         "refused": edit.refused,

@@ -39,7 +39,7 @@ class Edit:
     """layers: none where nothing leaks. places: all that were looked at, the search's first. before, after: leaks there.
     field: with the edit. rounds: bakes it took. sheets: places that leak through sheets, which no voxel stops. refused: why the
     octree would not bear finer cells, empty where it did. grown: most cells before those were taken out that nothing needs; minimal:
-    none of the rest can be taken out any more."""
+    none of the rest can be taken out any more. checked: of `places`, how many the edit was looked at in at last, chosen without it."""
 
     layers: tuple[BitmapLayer, ...]
     places: Places
@@ -51,6 +51,7 @@ class Edit:
     refused: str
     grown: int
     minimal: bool
+    checked: int = 0
 
     @property
     def cells(self) -> int:

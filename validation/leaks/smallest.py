@@ -22,8 +22,9 @@ MOST_PLACES = 400_000
 Fresh = Callable[[Search, Edit, int], Places]
 
 
-def smallest(search: Search, edit: Edit, fresh: Fresh, progress: Progress) -> Edit:
+def smallest(search: Search, edit: Edit, dense: Places, fresh: Fresh, progress: Progress) -> Edit:
     """The edit without the cells that it does not need (`prune`), baked and measured; the edit itself where that would leak more.
+    dense: places, besides its own, that it may not lose.
 
     Where fresh places turn out to leak, the cells at and beside them are put back: the edit is then not called minimal, unless each
     of them is needed.
@@ -33,7 +34,8 @@ def smallest(search: Search, edit: Edit, fresh: Fresh, progress: Progress) -> Ed
     whole = with_holders(named, search.field.octree.voxels) if named else {}
     if not whole:
         return edit
-    inside, rounds, fixed, at = _inside(search, edit, whole), edit.rounds, Cells(), edit.places
+    inside, rounds, fixed = joined([dense, _inside(search, edit, whole)]), edit.rounds, Cells()
+    at = edit.places
     for number in range(MOST_TRIES):
         found = _pruned(search, edit, whole, joined([at, inside]), fixed)
         if not found.cells or _keys(found.cells) == _keys(named):
@@ -51,7 +53,7 @@ def smallest(search: Search, edit: Edit, fresh: Fresh, progress: Progress) -> Ed
         bad = part(more, np.flatnonzero(wrong))
         fixed = joined_cells(fixed, around(edit.field, bad, whole))
         at = joined([at, bad])
-    return dataclasses.replace(edit, rounds=rounds)
+    return dataclasses.replace(edit, rounds=rounds, minimal=False)
 
 
 def _pruned(search: Search, edit: Edit, whole: Cells, at: Places, fixed: Cells) -> Pruned:

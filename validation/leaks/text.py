@@ -116,7 +116,9 @@ def _edit(leaks: Mapping[str, Any]) -> list[str]:
         for name in METRICS
         if name in before["metrics"]
     ]
-    rows.append(["places that leak", f"{leaks['leaking']:,}", f"{edit['still_leaking']:,}"])
+    rows.append(
+        ["places that leak", f"{leaks['leaking']:,}", f"{edit['still_leaking']:,} ({edit['checked']:,} looked at)"]
+    )
     return [*lines, table(rows), f"apply and measure it: {plain(leaks['command'])}"]
 
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ...reference.datatypes import Scene
-from .attribution import blamed, walls_crossed
-from .field import LightField
+from ...reference.datatypes import I64, Scene
+from .attribution import Leaks, blamed, walls_crossed
+from .field import LightField, Places
 from .prediction import triple
 from .search import Edit, Search
 from .single import Single, single_edits
@@ -39,14 +39,14 @@ def by_wall(scene: Scene, field: LightField, edit: Edit) -> list[dict[str, Any]]
 
 
 def worst_places(scene: Scene, search: Search, edit: Edit) -> list[dict[str, Any]]:
-    """The places that leak most, each with the probes that the light comes from, the wall that it comes through, and the one cell that
-    would stop the leak there (`single`). What was looked for in the tips of edges and in slivers beside faces comes last: it leaks
-    strongly, but in next to no space."""
+    """The places that leak most, a voxel apart, each with the probes that the light comes from, the wall that it comes through, and the
+    one cell that would stop the leak there (`single`). What was looked for in the tips of edges and in slivers beside faces comes last:
+    it leaks strongly, but in next to no space."""
     leaks, at, field = edit.before, edit.places, search.field
     sample, mine = leaks.pairs.weights.sample, blamed(leaks)
     thin = np.isin(at.names, ("edges", "slivers"))
-    order = np.lexsort((-np.abs(leaks.strength), thin, ~leaks.leaks))[:WORST]
-    order = order[leaks.leaks[order]]
+    order = np.lexsort((-np.abs(leaks.strength), thin, ~leaks.leaks))
+    order = _apart(field, leaks, at, order[leaks.leaks[order]])
     size = field.octree.grid.size
     singles = single_edits(search, at, leaks, order) if len(order) else []
     rows = []
@@ -67,6 +67,20 @@ def worst_places(scene: Scene, search: Search, edit: Edit) -> list[dict[str, Any
             }
         )
     return rows
+
+
+def _apart(field: LightField, leaks: Leaks, at: Places, order: I64) -> I64:
+    """The first WORST of `order` (N,) that are a voxel or more apart."""
+    grid = field.octree.grid
+    size = grid.finest * 2.0 ** (grid.level - np.minimum(leaks.answers, leaks.holds))
+    kept: list[int] = []
+    for i in order.tolist():
+        away = np.abs(at.positions[kept] - at.positions[i]).max(axis=1)
+        if (away >= size[i]).all():
+            kept.append(i)
+        if len(kept) == WORST:
+            break
+    return np.array(kept, dtype=np.int64)
 
 
 def _single(found: Single) -> dict[str, Any]:

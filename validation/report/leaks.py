@@ -96,7 +96,9 @@ def _compared(leaks: Mapping[str, Any]) -> list[tuple[str, str, str]]:
             rows.append(
                 (words, percent(before["metrics"][name]["value"], 3), percent(after["metrics"][name]["value"], 3))
             )
-    return [*rows, ("Places that leak", f"{leaks['leaking']:,}", f"{leaks['edit']['still_leaking']:,}")]
+    edit = leaks["edit"]
+    left = f"{edit['still_leaking']:,} of {edit['checked']:,} looked at"
+    return [*rows, ("Places that leak", f"{leaks['leaking']:,}", left)]
 
 
 def _point(position: list[float]) -> str:
