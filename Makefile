@@ -11,8 +11,7 @@ report: setup
 test: setup
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
-# The report is made beside the tests: it leaves much of a second core idle, as they do towards their end. A failed test ends it.
-	.venv/bin/lightgauge report --quiet & made=$$!; \
-	trap "kill $$made 2>/dev/null" EXIT; trap "exit 130" INT; \
-	.venv/bin/pytest -n 2 --dist loadfile && bash .ci/typecheck && wait $$made
+	.venv/bin/pytest -n 2 --dist loadfile
+# Types are checked beside the report, which leaves much of a second core idle.
+	.venv/bin/lightgauge report --quiet & made=$$!; bash .ci/typecheck; types=$$?; wait $$made && exit $$types
 	.venv/bin/lightgauge gate reports/latest --gates gates.toml --every-scene
