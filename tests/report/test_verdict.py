@@ -35,6 +35,9 @@ def test_one_number_does_not_hide_the_room(scene: Make) -> None:
     made["metrics"]["leak"] = metric(0.02, 0.002, 900)
     made["metrics"]["relrmse_volume"] = metric(0.6, 0.01, 900)
     assert {w.words for w in warnings(made)} == {"leaks light", "worse in mid-air"}
+    made["metrics"]["relrmse_camera_inside"] = metric(0.6, 0.01, 300)
+    made["metrics"]["relrmse_camera_outside"] = metric(0.1, 0.01, 300)
+    assert {w.words for w in warnings(made)} == {"leaks light", "worse in mid-air", "worse from inside"}
     made["metrics"]["leak"] = metric(0.002, 0.002, 900)
     assert "leaks light" not in {w.words for w in warnings(made)}
 

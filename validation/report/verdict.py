@@ -11,6 +11,7 @@ from .words import SUFFIXES, Z95, percent
 Tone = Literal["good", "fair", "bad", "mute"]
 RANK: dict[Tone, int] = {"good": 0, "mute": 1, "fair": 2, "bad": 3}
 AT_FLOOR, NEAR_FLOOR, SMALL, LEAKS, SEAM, HIDDEN = 1.25, 1.5, 0.02, 1e-3, 1e-2, 2.0
+CAMERA = "relrmse_camera_"
 PATCHES, KERNEL, UNLIT = 0.7, 1e-5, 1e-3
 
 
@@ -70,6 +71,10 @@ def warnings(scene: Mapping[str, Any]) -> list[Verdict]:
     for suffix, where in (("_surface", "on other surfaces"), ("_volume", "in mid-air")):
         if seen > 0.0 and _low(metrics, f"relrmse{suffix}") > HIDDEN * seen:
             found.append(Verdict(f"worse {where}", "fair", "Over twice the error of what the cameras see."))
+    for name in sorted(metrics):
+        if name.startswith(CAMERA) and seen > 0.0 and _low(metrics, name) > HIDDEN * seen:
+            camera = name.removeprefix(CAMERA)
+            found.append(Verdict(f"worse from {camera}", "fair", "Over twice the error of all cameras together."))
     if 0.0 < seen < 2.0 * _value(metrics, "reference_noise"):
         found.append(Verdict("noisy reference", "fair", "Its noise is over half the error: trace more paths."))
     return found
