@@ -121,12 +121,12 @@ class Maps:
 
     def arrive(self, tiles: I64) -> None:
         free = iter(set(range(4096)) - set(self.slots.values()))
-        come = np.array([t for t in tiles.tolist() if t not in self.slots][:300])
+        come = np.array([t for t in tiles.tolist() if t not in self.slots][:300], dtype=np.int64)
         self.slots |= {int(t): next(free) for t in come}
         self.map.arrive(self.entries(come))
 
     def leave(self, tiles: I64) -> None:
-        go = np.array([t for t in tiles.tolist() if t in self.slots and t > 0])
+        go = np.array([t for t in tiles.tolist() if t in self.slots and t > 0], dtype=np.int64)  # none, by chance
         self.map.leave(self.entries(go))
         for t in go.tolist():
             del self.slots[t]

@@ -44,8 +44,9 @@ def shared(level: int, layer: BitmapLayer, there: np.ndarray) -> np.ndarray:
 
 
 def off_lattice(size: float, seed: int, count: int, **more: Any) -> BitmapLayer:
+    """Random cells; one at least lies within the grid."""
     rng = np.random.default_rng(seed)
-    index = np.unique(rng.integers(-3, int(6 / size) + 3, (count, 3)), axis=0)
+    index = np.unique([[int(2 / size)] * 3, *rng.integers(-3, int(6 / size) + 3, (count, 3))], axis=0)
     return BitmapLayer(GRID.origin - rng.uniform(0, 1, 3), size, index, **more)
 
 

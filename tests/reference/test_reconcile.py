@@ -213,8 +213,8 @@ def closed_dense(f: Flows, area: Array) -> Flows:
     return f
 
 
-def made_up(patches: int, seed: int) -> tuple[Flows, Array]:
-    """Flows with pairs of a patch and itself, which flat patches do not have, and rows that close to within a third."""
+def made_up(patches: int, seed: int, open_by: float) -> tuple[Flows, Array]:
+    """Flows with pairs of a patch and itself, which flat patches do not have, and rows that close to within `open_by`."""
     rng = np.random.default_rng(seed)
     lo, hi = np.triu_indices(patches)
     keep = rng.random(len(lo)) < 0.7
@@ -224,7 +224,7 @@ def made_up(patches: int, seed: int) -> tuple[Flows, Array]:
     v, out_v = x * rng.uniform(0.1, 1.0, len(x)), out * rng.uniform(0.1, 1.0, len(out))
     column = np.tile(patches + np.arange(3), patches)
     f = Flows(lo, hi, x, v, v, row, column, out, out_v, out_v)
-    return f, row_sums(f, patches) * rng.uniform(0.67, 1.33, patches)
+    return f, row_sums(f, patches) * rng.uniform(1.0 - open_by, 1.0 + open_by, patches)
 
 
 @pytest.mark.parametrize("case", ["closed", "sheet in a room", "black back", "open", "made up", "made up, sparse"])
@@ -234,14 +234,16 @@ def test_closing_is_the_weighted_least_squares_solution(case: str) -> None:
         g, p = surfaces(rooms()[case], 3.0)
         flows, area = flows_of_rays(patch_form_factors(g, p, 16, 4, silent), p.area)[0], p.area
     else:
-        flows, area = made_up(16 if "sparse" in case else 9, 3)
+        flows, area = made_up(16, 3, 0.7) if "sparse" in case else made_up(9, 3, 0.33)
     got, expected = closed(flows, area), closed_dense(flows, area)
     np.testing.assert_allclose(got.x, expected.x, atol=1e-7 * area.max())
     np.testing.assert_allclose(got.out_x, expected.out_x, atol=1e-7 * area.max())
     np.testing.assert_allclose(row_sums(got, len(area)), area, rtol=1e-7)
     assert (flows.lo == flows.hi).any() == ("made up" in case)
     if case == "made up, sparse":
-        assert (expected.x == 0.0).any() or (expected.out_x == 0.0).any()  # something was cut off
+        assert (expected.x == 0.0).any() or (
+            expected.out_x == 0.0
+        ).any()  # something was cut off: so it was with each of 60 seeds
 
 
 def test_entries_without_variance_stay() -> None:

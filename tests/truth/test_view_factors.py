@@ -243,8 +243,12 @@ def test_crossed_strings(seed: int) -> None:
     """Two strips that see each other whole: (crossed − uncrossed strings) / twice the emitter's width (Hottel 1954)."""
     rng = np.random.default_rng([seed, 3])
     a, b = np.array([0.0, 0.0]), np.array([1.0, 0.0])
-    c = np.array([rng.uniform(0.5, 1.5), rng.uniform(0.3, 1.0)])
-    d = c + np.array([-rng.uniform(0.2, 1.0), rng.uniform(-0.2, 0.5)])
+    hidden = True
+    while hidden:  # where the upper strip's plane meets the lower one
+        c = np.array([rng.uniform(0.5, 1.5), rng.uniform(0.3, 1.0)])
+        d = c + np.array([-rng.uniform(0.2, 1.0), rng.uniform(-0.2, 0.5)])
+        (x, y), (nx, ny) = d - c, c
+        hidden = any(x * (end[1] - ny) - y * (end[0] - nx) < 0.0 for end in (a, b))
     truth = (math.dist(a, c) + math.dist(b, d) - math.dist(a, d) - math.dist(b, c)) / 2.0
     strips = [[primitives.extruded(*ends, length) for ends in ((a, b), (c, d))] for length in (2e3, 4e3)]
     short, long = (mesh_form_factor(*pair).value for pair in strips)

@@ -55,7 +55,8 @@ def _exchange(table: Corners, first: U32, second: U32, tier: I64, cut: bool) -> 
     """Pairs by tier; the smaller polygon is the first."""
     if cut:
         parts = mutually_visible(table.host[first], table.host[second])
-        count, width = len(first), max(parts[0].shape[1], parts[1].shape[1])
+        # A cut gives a convex polygon one corner more at most. Room for it always, so that no pair's rounding depends on the others'.
+        count, width = len(first), max(table.corner_count + 1, parts[0].shape[1], parts[1].shape[1])
         host = np.concatenate([np.pad(p, ((0, 0), (0, width - p.shape[1]), (0, 0)), mode="edge") for p in parts[:2]])
         table = upload_corners(host)
         first, second = np.arange(count, dtype=np.uint32), np.arange(count, 2 * count, dtype=np.uint32)

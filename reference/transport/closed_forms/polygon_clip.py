@@ -9,6 +9,8 @@ Polygons come padded: `polygons` (P, C, 3) f64 m, `sizes` (P,) corners that coun
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from ...datatypes import F64, I64
@@ -36,10 +38,11 @@ def bounds(polygons: F64) -> tuple[F64, F64]:
 
 
 def vector_areas(polygons: F64) -> F64:
-    """Normal times area (P, 3) m² of padded polygons (Newell's sum), from corners relative to the first."""
+    """Normal times area (P, 3) m² of padded polygons (Newell's sum), from corners relative to the first. Corners are added one after
+    the other: NumPy's own sum goes another way round where there is one polygon, and a polygon alone must read the same."""
     r = by_coordinate(polygons - polygons[:, :1])
     s = np.roll(r, -1, axis=1)
-    return 0.5 * np.stack([(r[a] * s[b] - r[b] * s[a]).sum(axis=0) for a, b in ((1, 2), (2, 0), (0, 1))], axis=1)
+    return 0.5 * np.stack([reduce(np.add, r[a] * s[b] - r[b] * s[a]) for a, b in ((1, 2), (2, 0), (0, 1))], axis=1)
 
 
 def longest_edges(polygons: F64) -> F64:
