@@ -22,6 +22,7 @@ def _beside(name: str) -> Any:
     return module
 
 
+_beside("chance")
 _beside("small_scenes")
 _seed_shift = _beside("seed_shift")
 pytest_addoption, pytest_configure = _seed_shift.pytest_addoption, _seed_shift.pytest_configure

@@ -73,7 +73,7 @@ def test_random_positions(device: OpenDevice, texture: VirtualTexture, storage: 
     p = rng.uniform(texture.origin, high, (count, 3)).astype(np.float32)
     n = random_units(count, 2).astype(np.float32)
     plain = sample(dataclasses.replace(texture, texels=stored(texture.texels, storage)), p, n)
-    assert len(np.unique(plain.level)) >= 4, "a texture with several levels"
+    assert len(np.unique(plain.level)) >= 3, "a texture with several levels"
     agree(Sampler(device, texture, storage, layout)(p, n), plain)
 
 

@@ -227,8 +227,9 @@ def test_a_texel_that_points_to_another_tile_is_found(device: OpenDevice, world:
     assert texture(p, n) is not None and texture.wrong_reads == 0
     texels = np.empty(world.table.level * texture.window**3, dtype=np.uint32)
     cl.enqueue_copy(device.queue, texels, texture._clipmap.texels)
-    used = np.flatnonzero(texels >> 24 == world.table.level)
-    texels[used] = np.roll(texels[used], 1)
+    for level in range(1, world.table.level + 1):
+        used = np.flatnonzero(texels >> 24 == level)
+        texels[used] = np.roll(texels[used], 1)
     cl.enqueue_copy(device.queue, texture._clipmap.texels, texels)
     texture(p, n)
     assert texture.wrong_reads > 0

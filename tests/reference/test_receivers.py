@@ -27,7 +27,7 @@ from lightgauge.reference.transport.receivers import (
 from lightgauge.reference.variant import ensure_variant
 from lightgauge.reference.visibility import LIFT, Geometry, build_geometry
 from scipy import stats
-from small_scenes import box, box_quads, material, quad, random_units, scene, surfaces
+from small_scenes import box, box_quads, material, polygon_mesh, quad, random_units, scene, surfaces
 
 Array = npt.NDArray[Any]
 WALLS = ("-x", "+x", "-y", "+y", "-z", "+z")  # the order of box_quads
@@ -266,3 +266,13 @@ def test_what_a_row_of_each_kind_is() -> None:
     ]
     for r, count, spherical, weight in kinds:
         assert (r.count, r.spherical, r.weight) == (count, spherical, weight)
+
+
+def test_no_ray_slips_behind_a_sharp_edge() -> None:
+    """A closed wedge of 23°: an origin lifted beside its sharp edge must not come to lie behind the other wall. Without the inset
+    one ray in 100,000 did, and its row saw the sky."""
+    sharp = [[0, 0, 0], [2, 0, 0], [0, 0.85, 0], [0, 0, 9], [2, 0, 9], [0, 0.85, 9]]
+    faces = [[0, 1, 2], [5, 4, 3], [0, 3, 4, 1], [1, 4, 5, 2], [2, 5, 3, 0]]
+    g, p = surfaces(scene([polygon_mesh(sharp, faces)]), 0.7)
+    rows = patch_form_factors(g, p, 8192, 1, silent)
+    assert rows.columns.max() < p.count

