@@ -1,7 +1,8 @@
 """`run --explain-leaks` end to end.
 
-Rationale: two-rooms turned by 30° with voxels of 0.5 m must leak (t = 0.2 m needs 0.146 m); the command has to say through which wall
-and from which probes, and the edit it writes has to stop the leak, in the very run and when it is laid over the scene again.
+Rationale: two-rooms, made smaller and turned by 30°, with voxels of 0.5 m must leak (t = 0.2 m needs 0.146 m); the command has to say
+through which wall and from which probes, and the edit it writes has to stop the leak, in the very run and when it is laid over the
+scene again.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from lightgauge.reference.bitmap_file import read_bitmap
 from lightgauge.reference.scene import load_scene
 from lightgauge.validation import cli
@@ -24,12 +26,49 @@ from lightgauge.validation.options import read_overrides
 from lightgauge.validation.report.leaks import leaks_context
 
 SETTINGS = ("scene.rotation=30", "placement.min_voxel=0.5", "radiosity.rays=256",
-            "placement.probe_rays=128", "truth.points=300", "truth.noise=0.5", "truth.max_spp=512", "truth.picture_spp=2")  # fmt: skip
+            "placement.probe_rays=128", "truth.points=800", "truth.noise=0.5", "truth.max_spp=512", "truth.picture_spp=2")  # fmt: skip
+# Corners of the bundled scene's solid along x, y and z, m, and where this test has them: smaller rooms, the same walls of 0.2 m.
+BUNDLED = ((-0.2, 0.0, 4.0, 4.2, 8.2, 8.4), (-0.2, 0.0, 2.6, 2.8), (-0.2, 0.0, 3.0, 3.2))
+SMALLER = ((-0.2, 0.0, 2.0, 2.2, 4.2, 4.4), (-0.2, 0.0, 1.6, 1.8), (-0.2, 0.0, 2.0, 2.2))
+TOML = """
+[materials]
+plaster = { albedo = [0.7, 0.7, 0.68] }
+
+[meshes]
+building = { file = "building.ply", material = "plaster" }
+wall_red = { file = "wall_red.ply", material = "plaster" }
+wall_blue = { file = "wall_blue.ply", material = "plaster" }
+lamp = { file = "lamp.ply", material = "plaster" }
+
+[lights]
+ceiling = { type = "area", mesh = "lamp", radiance = [14.0, 13.0, 11.0], tag = "engine" }
+
+[volumes]
+lit_room = { min = [0.2, 0.2, 0.2], max = [1.8, 1.4, 1.8] }
+dark_room = { min = [2.4, 0.2, 0.2], max = [4.0, 1.4, 1.8] }
+
+[radiosity]
+patch_size = 0.25
+
+[expect.dark]
+sealed_room = { min = [2.2, 0.0, 0.0], max = [4.2, 1.6, 2.0] }
+"""
+
+
+def write_smaller(folder: Path) -> Path:
+    """two-rooms with a quarter of its walls: the same leaks, fewer of them."""
+    folder.mkdir()
+    (folder / "scene.toml").write_text(TOML, encoding="utf-8")
+    for file in sorted((Path(__file__).parents[2] / "scenes" / "two-rooms").glob("*.ply")):
+        whole = trimesh.load(file, process=False)
+        moved = [np.interp(x, *to) for x, *to in zip(whole.vertices.T, BUNDLED, SMALLER, strict=True)]
+        trimesh.Trimesh(np.column_stack(moved), whole.faces, process=False).export(folder / file.name)
+    return folder
 
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder that the command wrote."""
+    """The folder that the command wrote, beside the scene's."""
     out = tmp_path_factory.mktemp("leaks")
     with pytest.MonkeyPatch.context() as patch:
         # What a run measures besides is tested in test_run.py, and takes as long again.
@@ -37,7 +76,8 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setattr(run_module, "measure_scene", lambda *_: (nothing, []))
         patch.setenv("LIGHTGAUGE_CACHE", str(out / "cache"))
         arguments = [word for s in SETTINGS for word in ("--set", s)]
-        assert cli.main(["run", "two-rooms", *arguments, "--explain-leaks", "--out", str(out / "l"), "--quiet"]) == 0
+        scene = str(write_smaller(out / "two-rooms"))
+        assert cli.main(["run", scene, *arguments, "--explain-leaks", "--out", str(out / "l"), "--quiet"]) == 0
     return out / "l"
 
 
@@ -46,7 +86,7 @@ def test_wall_probes_and_edit_are_named(told: Path) -> None:
     assert leaks == json.loads((told / "results.json").read_text())["scenes"][0]["leaks"] | {
         "scene": "two-rooms", "layers": leaks["layers"],
     }  # fmt: skip
-    scene = load_scene(Path(__file__).parents[2] / "scenes" / "two-rooms", read_overrides(None, SETTINGS))
+    scene = load_scene(told.parent / "two-rooms", read_overrides(None, SETTINGS))
     sealed = dark_boxes(scene)[0]
     assert leaks["before"]["metrics"]["leak_worst"]["value"] > 0.01
     for place in leaks["worst"]:
@@ -62,8 +102,9 @@ def test_wall_probes_and_edit_are_named(told: Path) -> None:
 def test_the_edit_stops_the_leak(told: Path) -> None:
     leaks = json.loads((told / "two-rooms.leaks.json").read_text())
     edit = leaks["edit"]
-    # Places are sought where light may be left, in slivers beside faces and in tips of edges: hardly any may be found.
-    assert edit["deeper"] and edit["checked"] > 50_000 and edit["still_leaking"] <= 2e-4 * edit["checked"]
+    # Places are sought where light may be left, in slivers beside faces and in tips of edges: hardly any may be found. Over 31 seeds
+    # 0.5 ± 0.8 of 46,600 were, at most 3.
+    assert edit["deeper"] and edit["checked"] > 30_000 and edit["still_leaking"] <= 2e-4 * edit["checked"]
     assert (
         leaks["after"]["metrics"]["leak_worst"]["value"] == 0.0 and leaks["after"]["metrics"]["leak"]["value"] <= 1e-3
     )
@@ -87,16 +128,16 @@ def test_each_place_has_its_own_cell(told: Path) -> None:
         assert ((low <= place["position"]) & (place["position"] <= low + layer.size)).all()
         given = build_parser("").parse_args(shlex.split(own["command"])[1:])
         assert given.bitmap == told / files[f"edit_place{number}"] and tuple(given.assignments) == SETTINGS
-    said = leaks_text(results)
-    assert "one cell of 0.25 m" in said and "the smallest found" in said and ".place1.edit.json" in said
+    said, cell = leaks_text(results), f"one cell of {leaks['worst'][0]['edit']['size_m']:g} m"
+    assert cell in said and "the smallest found" in said and ".place1.edit.json" in said
     page = (told / "index.html").read_text()
-    assert "Its own edit" in page and "one cell of 0.25 m" in page and "place1.edit.json" in page
+    assert "Its own edit" in page and cell in page and "place1.edit.json" in page
 
 
 def test_the_command_printed_is_the_run_with_the_edit(told: Path) -> None:
     command = shlex.split(json.loads((told / "two-rooms.leaks.json").read_text())["command"])
     given = build_parser("").parse_args(command[1:])
-    assert (given.verb, given.scene, tuple(given.assignments)) == ("run", ["two-rooms"], SETTINGS)
+    assert (given.verb, given.scene, tuple(given.assignments)) == ("run", [str(told.parent / "two-rooms")], SETTINGS)
     assert given.bitmap == told / "two-rooms.edit.json" and given.out != told and not given.explain_leaks
 
 

@@ -25,11 +25,15 @@ from lightgauge.validation.benchmarks.leak_scene import (
     tip_shift,
     two_rooms,
 )
+from lightgauge.validation.leaks import edit as edit_module
+from lightgauge.validation.leaks import smallest as smallest_module
 from lightgauge.validation.leaks.attribution import blamed
 from lightgauge.validation.leaks.edit import find_edit
-from lightgauge.validation.leaks.field import part, places
+from lightgauge.validation.leaks.field import Places, joined, part, places
 from lightgauge.validation.leaks.prediction import wall_points, wall_reports
+from lightgauge.validation.leaks.search import Edit, Search
 from lightgauge.validation.leaks.single import single_edits
+from lightgauge.validation.leaks.smallest import smallest
 from lightgauge.validation.leaks.tips import askew_edges
 
 ensure_variant()
@@ -92,6 +96,33 @@ def test_the_edit_stops_it_and_has_no_cell_too_many() -> None:
         near = near[rooms.dark.inside(near)]
         beside = places(near, None, "beside")
         assert search.leaks(less, beside).leaks.any() and not search.leaks(edit.field, beside).leaks.any()
+
+
+def test_an_edit_made_too_small_is_mended_and_stays_minimal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is made smaller by places in the lower half of the room alone leaks in the upper one; told so, the next try has the cells
+    that these need and no others. To put all back that is beside them would leave 73 of 153 cells, 44 are enough."""
+    rooms = two_rooms(0.5, (0, 0, 0))
+    shift = leaky_shift(rooms)
+    field = rooms.field(shift)
+    at = dark_places(rooms, field, 1, 500)
+    grown: list[Edit] = []
+    monkeypatch.setattr(edit_module, "DRAWS", 1)
+    monkeypatch.setattr(edit_module, "smallest", lambda _, edit, *__: grown.append(edit) or edit)
+    search = rooms.search(field, at, shift)
+    find_edit(search, silent)
+    lower = np.flatnonzero(grown[0].places.positions[:, 1] < 0.5 * (rooms.dark.lower + rooms.dark.upper)[1])
+    monkeypatch.setattr(smallest_module, "_inside", lambda *_: joined([]))
+    left: list[int] = []
+
+    def fresh(search: Search, tried: Edit, number: int) -> Places:
+        bad = np.flatnonzero(search.leaks(tried.field, at).leaks)
+        left.append(len(bad))
+        return part(at, bad)
+
+    few = dataclasses.replace(grown[0], places=part(grown[0].places, lower))
+    found = smallest(search, few, joined([]), fresh, silent)
+    assert left[0] > 0 and left[-1] == 0 and found.minimal and 3 * found.cells < few.cells
+    assert not search.leaks(found.field, grown[0].places).leaks.any()
 
 
 def test_one_cell_stops_it_at_one_place() -> None:

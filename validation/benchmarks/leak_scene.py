@@ -19,7 +19,7 @@ from ...reference.config import SceneSettings
 from ...reference.config_base import Vec3
 from ...reference.datatypes import F64, I64, BitmapLayer, Material, Mesh, Scene
 from ...reference.lattice import OCTANTS, index_of, keys
-from ...reference.placement.dead_edges import light_from
+from ...reference.placement.dead_edges import ALONG, light_from
 from ...reference.progress import silent
 from ...reference.texture_types import VirtualTexture
 from ...reference.truth.points import inside_share
@@ -35,9 +35,10 @@ from ..leaks.walls import spread
 ROOM = np.array([4.0, 3.0, 3.0])  # voxels of 1 m
 VOXEL = 1.0
 INWARDS = 0.02  # of a voxel
-TIP = 0.02  # of a voxel: by how much an edge pokes in, less than what copies are made for (dead_edges.ALONG)
+TIP = 0.02  # of a voxel: by how much an edge pokes in
 TIPS_TRIED = 64
 LEVELS = 4  # of voxels that are held against a tip: 16 m are larger than the block
+SIX = np.concatenate([np.eye(3), -np.eye(3)])  # ways along the lattice, voxels
 OFF_MIDDLE = np.array([0.4371, 0.4639, 0.4713])
 FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
@@ -211,25 +212,39 @@ def tip_shift(rooms: TwoRooms, seed: int) -> F64:
             continue
         share = OFF_MIDDLE.copy()
         share[[a, b]] = sides
-        into = normals[0] + normals[1]
-        axis = int(np.argmax(normals[0] * normals[1]))
+        into, axis = normals[0] + normals[1], int(np.argmax(normals[0] * normals[1]))
         edge = rooms.dark.world(share[None])[0]
         for _ in range(TIPS_TRIED):
             at = random.random(3) * 2.0
             at[axis] = np.floor(at[axis]) + (1.0 - TIP if into[axis] > 0.0 else TIP)
-            shift = (low - edge) / VOXEL + at
-            shift -= 2.0 * np.floor(shift / 2.0)
-            leak = _tip_leak(rooms, low - shift * VOXEL, edge + 0.3 * TIP * VOXEL * into)
+            shift = ((low - edge) / VOXEL + at) % 2.0
+            leak = _tip_leak(rooms, low - shift * VOXEL, edge + 0.3 * TIP * VOXEL * into, most)
             if leak > most:
                 best, most = shift, leak
+            if most >= 1.0:  # nothing leaks more
+                return np.asarray(best)
     return np.asarray(best)
 
 
-def _tip_leak(rooms: TwoRooms, origin: F64, place: F64) -> float:
-    """Share of light from beyond at a place (3,) m on a lattice from `origin` (3,), nothing copied; 0 where its own voxel answers."""
+def _tip_leak(rooms: TwoRooms, origin: F64, place: F64, least: float) -> float:
+    """Share of light from beyond at a place (3,) m on a lattice from `origin` (3,); 0 where it is no more than `least`, and where the
+    place's own voxel answers, or may by a copy."""
+    at = (place - origin) / VOXEL
+    found = served_by(at[None], LEVELS, lambda c, n: rooms.kind(origin + c * VOXEL * 2.0 ** (LEVELS - n)))
+    answers, beyond = int(found.level[0]), float(found.beyond[0])
+    return beyond if answers < LEVELS and beyond > least and not _mended(rooms, origin, at, answers) else 0.0
 
-    def kind(corner: I64, level: int) -> I64:
-        return rooms.kind(origin + corner * VOXEL * 2.0 ** (LEVELS - level))
 
-    found = served_by(((place - origin) / VOXEL)[None], LEVELS, kind)
-    return float(found.beyond[0]) if found.level[0] < LEVELS else 0.0
+def _mended(rooms: TwoRooms, origin: F64, at: F64, answers: int) -> bool:
+    """Whether placement may copy light to a corner of the voxels finer than level `answers` that hold a place `at` (3,), voxels from
+    `origin`: if an edge of any level from there has both ends in walls, but passes through the room where `dead_edges` looks."""
+    for level in range(answers + 1, LEVELS + 1):
+        corner = (np.floor(at * 2.0 ** (level - LEVELS)).astype(np.int64) + OCTANTS) << (LEVELS - level)
+        for size in 2 ** np.arange(LEVELS + 1):
+            ends = corner[(corner % size == 0).all(axis=1), None]
+            walled = rooms.kind((origin + (ends + size * SIX) * VOXEL).reshape(-1, 3)) == IN_WALL
+            end, way = np.nonzero(walled.reshape(-1, len(SIX)))
+            between = ends[end] + ALONG[:, None] * size * SIX[way, None]
+            if rooms.dark.inside((origin + between * VOXEL).reshape(-1, 3)).any():
+                return True
+    return False

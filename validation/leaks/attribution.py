@@ -64,7 +64,7 @@ def leaks_by(
 ) -> Leaks:
     """Leaks at places that read probes by `weights`, in voxels of levels `holds` (N,): see `find_leaks`."""
     total = sums(weights.sample, weights.weight, at.count)
-    raw = np.einsum("mk,mkc->mc", at.response[weights.sample], field.coefficients[weights.probe]).mean(axis=1)
+    raw = _given(field, at, weights)
     share = weights.weight / np.maximum(total[weights.sample], np.finfo(np.float64).tiny)
     light = share * raw
     irradiance = sums(weights.sample, light, at.count)
@@ -83,6 +83,16 @@ def leaks_by(
         strength = np.where(looked_at, irradiance, 0.0) / mean_light
         leaks = looked_at
     return Leaks(strength, leaks, weights.level.astype(np.int64), holds, _only(pairs, leaks))
+
+
+def _given(field: LightField, at: Places, weights: ProbeWeights) -> F64:
+    """Irradiance (M,) W·m⁻², the mean of its channels, that each probe's light would make alone. Black probes, nearly all in the dark,
+    are not asked."""
+    lit = np.flatnonzero((field.coefficients != 0.0).reshape(-1, 12).any(axis=1)[weights.probe])
+    given = np.zeros(len(weights.probe))
+    response, light = at.response[weights.sample[lit]], field.coefficients[weights.probe[lit]]
+    given[lit] = np.einsum("mk,mkc->mc", response, light).mean(axis=1)
+    return given
 
 
 def _through_walls(field: LightField, pairs: Pairs, at: Places, level: I64) -> Pairs:

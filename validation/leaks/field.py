@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from ...reference.datatypes import F32, F64, I32, I64
 from ...reference.lattice import Octree, index_of, keys
@@ -34,11 +35,11 @@ class LightField:
 @dataclass(frozen=True, eq=False)
 class Places:
     """Where light is asked for. positions (N, 3) m, off surfaces already; response (N, 4): row that makes irradiance of
-    radiance SH; names (N,) of the set of points each is from."""
+    radiance SH; names (N,) str of the set of points each is from."""
 
     positions: F64
     response: F64
-    names: tuple[str, ...]
+    names: npt.NDArray[np.str_]
 
     @property
     def count(self) -> int:
@@ -50,22 +51,22 @@ def places(positions: F64, normals: F64 | None, name: str) -> Places:
     """Receivers at `positions` (N, 3) m; without `normals` (N, 3) each stands for all normals alike."""
     n = len(positions)
     response = np.tile(MEAN_OVER_NORMALS, (n, 1)) if normals is None else irradiance_weights(normals)
-    return Places(positions, response, (name,) * n)
+    return Places(positions, response, np.full(n, name))
 
 
 def joined(parts: list[Places]) -> Places:
     """Several sets of places as one, in order; none where there are none."""
-    empty = Places(np.zeros((0, 3)), np.zeros((0, 4)), ())
+    empty = Places(np.zeros((0, 3)), np.zeros((0, 4)), np.zeros(0, dtype=np.str_))
     return Places(
         np.concatenate([p.positions for p in (empty, *parts)]),
         np.concatenate([p.response for p in (empty, *parts)]),
-        tuple(name for p in parts for name in p.names),
+        np.concatenate([p.names for p in (empty, *parts)]),
     )
 
 
 def part(at: Places, chosen: I64) -> Places:
     """The places numbered `chosen` (K,), in that order."""
-    return Places(at.positions[chosen], at.response[chosen], tuple(at.names[i] for i in chosen))
+    return Places(at.positions[chosen], at.response[chosen], at.names[chosen])
 
 
 def field_of(baked: Baked, coefficients: F32) -> LightField:

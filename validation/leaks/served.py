@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ...reference.datatypes import I64, Bool
-from ...reference.lattice import OCTANTS, Octree, cells, index_of, keys
+from ...reference.lattice import OCTANTS, Octree, cells, distinct, index_of, keys
 from .attribution import leaks_by
 from .field import LightField, Places
 from .search import Search
@@ -75,10 +75,30 @@ def served(search: Search, field: LightField, at: Places, otherwise: Bool, coars
     octree, old = field.octree, search.field.octree
     levels = tuple(range(octree.grid.level, coarsest - 1, -1))
     found = [verdicts(search, field, at, level) for level in levels]
-    corners, voxel = np.unique(np.concatenate([c for _, c in found]), axis=0, return_inverse=True)
     there = index_of(keys(old.corners << (octree.grid.level - old.grid.level)), keys(octree.corners)) >= 0
-    rows = np.column_stack([*(v for v, _ in found), voxel.reshape(len(levels), -1).T, otherwise])
-    rows, kind = np.unique(rows, axis=0, return_inverse=True)
-    count = len(levels)
-    verdict, voxels, leaks = rows[:, :count], rows[:, count : 2 * count], rows[:, -1] > 0
-    return Served(octree, kind.ravel(), levels, verdict, voxels, corners, leaks, there)
+    verdict = np.column_stack([v for v, _ in found])
+    voxel, corners = _numbered([c for _, c in found], len(octree.corners))
+    kind = np.asarray(otherwise, dtype=np.int64)
+    for column in range(len(levels)):
+        code = (kind * (SILENT + 1) + verdict[:, column]) * len(corners) + voxel[:, column]
+        kind = index_of(distinct(code), code)
+    one = np.zeros(int(kind.max(initial=-1)) + 1, dtype=np.int64)
+    one[kind] = np.arange(len(kind))  # any place of a kind stands for it
+    return Served(octree, kind, levels, verdict[one], voxel[one], corners, np.asarray(otherwise)[one], there)
+
+
+def _numbered(found: list[I64], probes: int) -> tuple[I64, I64]:
+    """Numbers (N, K) of voxels, the same for the same one of a level, from their corners (N, 8) on each of K levels: numbers of
+    `probes`, or -1; and the corners (M, 8) by number. Each is known by its first corner where a probe stands, and which one that is;
+    voxels of a level with none are all alike. (`np.unique` of rows says the same, 20 times slower.)"""
+    columns, corners, count = [], list[I64](), 0
+    for corner in found:
+        known = corner >= 0
+        octant, row = np.argmax(known, axis=1), np.arange(len(corner))
+        own = np.where(known.any(axis=1), 1 + corner[row, octant] * len(OCTANTS) + octant, 0)
+        used = np.zeros(1 + probes * len(OCTANTS), dtype=np.int64)
+        used[own] = row + 1
+        corners.append(corner[used[used > 0] - 1])
+        columns.append(count + (np.cumsum(used > 0) - 1)[own])
+        count += len(corners[-1])
+    return np.column_stack(columns), np.concatenate(corners)

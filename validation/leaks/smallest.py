@@ -15,7 +15,8 @@ from .search import Edit, Search, layers_of
 from .served import served
 from .walls import in_the_open
 
-MOST_TRIES = 4
+MOST_TRIES = 6
+TRUSTED = 3  # tries in which places found to leak are only looked at from then on
 PER_AXIS = 4  # places in each cell that are looked at: a cell with none in it would not be missed
 MOST_PLACES = 400_000
 # Places where an edit may leak and that were not looked at yet, others for every number.
@@ -26,8 +27,9 @@ def smallest(search: Search, edit: Edit, dense: Places, fresh: Fresh, progress: 
     """The edit without the cells that it does not need (`prune`), baked and measured; the edit itself where that would leak more.
     dense: places, besides its own, that it may not lose.
 
-    Where fresh places turn out to leak, the cells at and beside them are put back: the edit is then not called minimal, unless each
-    of them is needed.
+    Fresh places that turn out to leak are among those that the next try may not lose. What leaks though it was looked at does so for
+    what one bake of the whole edit does not show (copies of light); then, and after TRUSTED tries in any case, the cells at and beside
+    it are put back: the edit is not called minimal, unless each of them is needed.
     """
     grid = edit.field.octree.grid
     named = {grid.level_for(layer.size): layer.cells for layer in edit.layers}
@@ -50,9 +52,9 @@ def smallest(search: Search, edit: Edit, dense: Places, fresh: Fresh, progress: 
         if not wrong.any():
             before = search.leaks(search.field, more)
             return dataclasses.replace(tried, places=more, before=before, after=now, minimal=found.minimal)
-        bad = part(more, np.flatnonzero(wrong))
-        fixed = joined_cells(fixed, around(edit.field, bad, whole))
-        at = joined([at, bad])
+        unexplained = np.flatnonzero(wrong if number >= TRUSTED else wrong[: at.count])
+        fixed = joined_cells(fixed, around(edit.field, part(more, unexplained), whole))
+        at = joined([at, part(more, at.count + np.flatnonzero(wrong[at.count :]))])
     return dataclasses.replace(edit, rounds=rounds, minimal=False)
 
 

@@ -18,11 +18,17 @@ import numpy.typing as npt
 from ...reference.datatypes import F64, I32, I64, Bool
 from ...reference.lattice import OCTANTS, Octree, index_of, keys
 from ...reference.texture_types import VirtualTexture
-from ...reference.volume.layout import TEXELS, TileLayout
+from ...reference.volume.layout import TileLayout
 from ...reference.volume.sampler import MIN_WEIGHT, lattice_position, locate, resolve, tile_cell
 from ...reference.volume.tiles import PARENT_WEIGHTS, ROOT_WEIGHTS
 
 VOXEL_TEXELS = OCTANTS @ np.array([9, 3, 1])  # a voxel's corners from its first texel on, within a tile
+FIRST_TEXEL = VOXEL_TEXELS  # of a tile's eight voxels: texel (1, 1, 1) is the first of the last one
+# Shares of the eight texels of a tile's voxel on the eight corners of the voxel above, by octant of that one in its own tile, and of
+# the voxel in the tile: (8, 8, 8, 8); for tiles of level 1 on the root's corners, by octant: (8, 8, 8).
+_READ = FIRST_TEXEL[:, None] + VOXEL_TEXELS
+_SHARES = np.stack([above[_READ][..., corners] for above, corners in zip(PARENT_WEIGHTS, _READ, strict=True)])
+_ROOT_SHARES = ROOT_WEIGHTS[_READ][..., 2 * VOXEL_TEXELS]
 
 
 def sums(number: npt.NDArray[np.integer], values: npt.NDArray[Any], count: int) -> F64:
@@ -42,20 +48,14 @@ class ProbeWeights:
 
 
 @dataclass(frozen=True, eq=False)
-class _Texels:
-    """Weighted texels of one level: sample, slot and texel (K,), weight (K,)."""
+class _Voxels:
+    """What samples read of one level: each the eight texels of one voxel. sample (K,), ascending; slot (K,) of the tile; octant (K,)
+    of the voxel in it; weight (K, 8) of the texels."""
 
     sample: I64
     slot: I64
-    texel: I64
+    octant: I64
     weight: F64
-
-    def merged(self) -> _Texels:
-        """The same with the weights of equal texels added up."""
-        slots = int(self.slot.max(initial=0)) + 1
-        key, back = np.unique((self.sample * slots + self.slot) * TEXELS + self.texel, return_inverse=True)
-        weight = sums(back, self.weight, len(key))
-        return _Texels(key // TEXELS // slots, key // TEXELS % slots, key % TEXELS, weight)
 
 
 def probe_weights(texture: VirtualTexture, layout: TileLayout, source: I32, positions: F64) -> ProbeWeights:
@@ -66,24 +66,36 @@ def probe_weights(texture: VirtualTexture, layout: TileLayout, source: I32, posi
     found: list[tuple[I64, I64, F64]] = []
     carried = _nothing()
     for depth in range(texture.level, 0, -1):
-        here = _joined(carried, _corner_texels(texture, q, np.flatnonzero(level == depth), depth)).merged()
+        here = _joined(carried, _read(texture, q, np.flatnonzero(level == depth), depth))
         tile = here.slot - layout.first_slot[depth - 1]
-        probe = layout.probe[depth - 1][tile, here.texel].astype(np.int64)
-        real = probe >= 0
-        found.append((here.sample[real], probe[real], here.weight[real]))
-        carried = _parents(layout, depth, here, tile, ~real)
-    root = layout.probe[0][0][carried.texel].astype(np.int64)  # the root's corners are real
-    sample, probe, weight = (
-        np.concatenate(column) for column in zip(*found, (carried.sample, root, carried.weight), strict=True)
-    )
+        probe = layout.probe[depth - 1][tile[:, None], FIRST_TEXEL[here.octant][:, None] + VOXEL_TEXELS].astype(
+            np.int64
+        )
+        found.append(_flat(here.sample, probe, here.weight))
+        carried = _parents(layout, depth, here, tile, probe < 0)
+    root = layout.probe[0][0][2 * VOXEL_TEXELS].astype(np.int64)  # the root's corners are real
+    found.append(_flat(carried.sample, np.broadcast_to(root, carried.weight.shape), carried.weight))
+    sample, probe, weight = (np.concatenate(column) for column in zip(*found, strict=True))
     return _lit_pairs(sample, probe, weight, source, level)
 
 
+def _flat(sample: I64, probe: I64, weight: F64) -> tuple[I64, I64, F64]:
+    """Sample, probe and weight (M,) of the real ones of probes (K, 8), with any weight (K, 8), of samples (K,)."""
+    row, corner = np.nonzero((probe >= 0) & (weight > 0.0))
+    return sample[row], probe[row, corner], weight[row, corner]
+
+
 def _lit_pairs(sample: I64, probe: I64, weight: F64, source: I32, level: I32) -> ProbeWeights:
-    keep = (source[probe] >= 0) & (weight > 0.0)
+    """Pairs with light, weights (M,) > 0 of equal ones added up in the order given."""
+    mine = source[probe]
+    keep = np.flatnonzero(mine >= 0)
     count = max(len(source), 1)
-    key, back = np.unique(sample[keep] * count + source[probe[keep]], return_inverse=True)
-    return ProbeWeights(key // count, key % count, sums(back, weight[keep], len(key)), level)
+    key = sample[keep] * count + mine[keep]
+    order = np.argsort(key, kind="stable")  # a voxel's corners ascend as their probes do: long runs, which it merges
+    key, first = key[order], np.ones(len(key), dtype=np.bool_)
+    np.not_equal(key[1:], key[:-1], out=first[1:])
+    total = sums(np.cumsum(first) - 1, weight[keep][order], int(first.sum()))
+    return ProbeWeights(key[first] // count, key[first] % count, total, level)
 
 
 def voxel_weights(
@@ -101,11 +113,10 @@ def voxel_weights(
     lit = (share * (source[corner] >= 0)).sum(axis=1)
     answers = np.where(there & (lit >= MIN_WEIGHT), level, 0).astype(np.int32)
     chosen = np.flatnonzero(answers > 0)
-    sample = np.repeat(chosen, len(OCTANTS))
-    return _lit_pairs(sample, corner[chosen].ravel(), share[chosen].ravel(), source, answers), corner
+    return _lit_pairs(*_flat(chosen, corner[chosen], share[chosen]), source, answers), corner
 
 
-def _corner_texels(texture: VirtualTexture, q: np.ndarray, chosen: I64, level: int) -> _Texels:
+def _read(texture: VirtualTexture, q: np.ndarray, chosen: I64, level: int) -> _Voxels:
     """The eight texels that each of the `chosen` samples (K,) reads at `level`, as the sampler does."""
     if len(chosen) == 0:
         return _nothing()
@@ -115,28 +126,37 @@ def _corner_texels(texture: VirtualTexture, q: np.ndarray, chosen: I64, level: i
     base = tile_cell(texture, at, found).astype(np.float32) * (2 * half)
     voxel = np.clip(np.floor((at - base) / half), 0, 1)
     f = np.clip((at - base) / half - voxel, np.float32(0.0), np.float32(1.0)).astype(np.float64)
-    first = (voxel @ np.array([9.0, 3.0, 1.0])).astype(np.int64)
     weight = np.where(OCTANTS[None] == 1, f[:, None, :], 1.0 - f[:, None, :]).prod(axis=2)
-    texel = first[:, None] + VOXEL_TEXELS
-    return _Texels(np.repeat(chosen, 8), np.repeat(slot, 8), texel.ravel(), weight.ravel())
+    return _Voxels(chosen, slot, (voxel @ np.array([4.0, 2.0, 1.0])).astype(np.int64), weight)
 
 
-def _parents(layout: TileLayout, depth: int, here: _Texels, tile: I64, virtual: Bool) -> _Texels:
-    """What virtual texels of level `depth` are interpolated from: texels one level up; for level 1 the root's own corners."""
-    sample, texel, weight, tile = here.sample[virtual], here.texel[virtual], here.weight[virtual], tile[virtual]
+def _parents(layout: TileLayout, depth: int, here: _Voxels, tile: I64, virtual: Bool) -> _Voxels:
+    """What `virtual` texels (K, 8) of level `depth` are interpolated from: the voxel one level up that the tile covers; for level 1
+    the root's own corners."""
+    chosen = np.flatnonzero(virtual.any(axis=1))
+    own, tile = here.octant[chosen], tile[chosen]
     if depth == 1:
-        rows, slot = ROOT_WEIGHTS[texel], here.slot[virtual]
+        slot, octant, shares = here.slot[chosen], np.zeros_like(own), _ROOT_SHARES[own]
     else:
-        rows = PARENT_WEIGHTS[layout.octant[depth - 1][tile], texel]
+        octant = layout.octant[depth - 1][tile].astype(np.int64)
         slot = layout.first_slot[depth - 2] + layout.parent_tile[depth - 1][tile].astype(np.int64)
-    at, source = np.nonzero(rows)
-    return _Texels(sample[at], slot[at], source.astype(np.int64), weight[at] * rows[at, source])
+        shares = _SHARES[octant, own]
+    given, weight = here.weight[chosen] * virtual[chosen], np.zeros((len(chosen), len(OCTANTS)))
+    for corner in range(len(OCTANTS)):  # one after the other: the sum is then the same whoever else is asked
+        weight += given[:, corner, None] * shares[:, corner]
+    return _Voxels(here.sample[chosen], slot, octant, weight)
 
 
-def _joined(a: _Texels, b: _Texels) -> _Texels:
-    return _Texels(*(np.concatenate([getattr(a, f), getattr(b, f)]) for f in ("sample", "slot", "texel", "weight")))
+def _joined(a: _Voxels, b: _Voxels) -> _Voxels:
+    """Both, by sample; none is in both."""
+    if len(a.sample) == 0 or len(b.sample) == 0:
+        return a if len(a.sample) else b
+    order = np.argsort(np.concatenate([a.sample, b.sample]), kind="stable")
+    return _Voxels(
+        *(np.concatenate([getattr(a, f), getattr(b, f)])[order] for f in ("sample", "slot", "octant", "weight"))
+    )
 
 
-def _nothing() -> _Texels:
+def _nothing() -> _Voxels:
     none = np.zeros(0, dtype=np.int64)
-    return _Texels(none, none, none, np.zeros(0))
+    return _Voxels(none, none, none, np.zeros((0, len(OCTANTS))))

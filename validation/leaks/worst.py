@@ -56,7 +56,7 @@ def worst_places(scene: Scene, search: Search, edit: Edit) -> list[dict[str, Any
         whole = float(np.abs(leaks.pairs.light[sample == i]).sum())
         rows.append(
             {
-                "set": at.names[i],
+                "set": str(at.names[i]),
                 "position": list(triple(at.positions[i])),
                 "strength": float(leaks.strength[i]),
                 "voxel_m": size(int(min(leaks.answers[i], leaks.holds[i]))),
