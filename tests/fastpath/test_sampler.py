@@ -132,7 +132,7 @@ def test_levels_by_distance_here_and_100_km_away(
     plain = sample(dataclasses.replace(there, texels=stored(there.texels, storage)), p, n, eye, eye.position)
     got = Sampler(device, there, storage, layout)(p, n, eye, eye.position)
     agree(got, plain)
-    assert len(np.unique(got.level)) == 6
+    assert len(np.unique(got.level)) >= 4
     here = sample(
         dataclasses.replace(texture, texels=stored(texture.texels, storage)), texture.origin + local, n,
         Viewer(eye.position - away, 1.5, blend), eye.position - away,

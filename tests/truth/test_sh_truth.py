@@ -1,7 +1,7 @@
 """Probes and spherical harmonics against the published answers and closed forms of the same kinds.
 
 Coefficients by rays come from REPLICATES probes (or points) at one place, each with its own randomisation; the standard
-error is that of their mean. Everything by rays must lie within 4 standard errors. Probes are traced with SH of order 2, whose
+error is that of their mean. Everything by rays must lie within what these leave to chance. Probes are traced with SH of order 2, whose
 first four coefficients are those of order 1; what the published entries say beyond has no counterpart here.
 """
 
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from chance import standard_errors
 from lightgauge.reference import pipeline
 from lightgauge.reference.config import DirectionalLight
 from lightgauge.reference.datatypes import Mesh, Scene, Sky
@@ -60,8 +61,10 @@ def gathered_at(s: Scene, position: Any, normal: Any, light: Array | None = None
 
 
 def assert_within(got: Any, error: Any, expected: Any, known: float = 0.0) -> None:
-    """Within 4 standard errors, the rounding of a sum of 4,096 numbers in single precision, and a `known` bias."""
-    allowed = 4.0 * np.asarray(error) + 2e-6 * (1.0 + np.abs(expected)) + known
+    """Within the standard errors of REPLICATES runs, the rounding of a sum of 4,096 numbers in single precision, and a `known` bias."""
+    allowed = (
+        standard_errors(REPLICATES, np.size(expected)) * np.asarray(error) + 2e-6 * (1.0 + np.abs(expected)) + known
+    )
     np.testing.assert_array_less(np.abs(np.asarray(got) - expected), allowed)
 
 

