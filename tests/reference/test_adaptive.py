@@ -16,6 +16,7 @@ from lightgauge.reference.sky import SKY_BINS
 from lightgauge.reference.transport import adaptive
 from lightgauge.reference.transport.adaptive import (
     DIM,
+    LEAST,
     PILOT,
     Allocation,
     Pilot,
@@ -76,6 +77,17 @@ class Case:
         found = patch_form_factors(self.g, self.p, rays, seed, silent).matrix() @ self.light
         return math.sqrt(float(self.p.area @ ((found - self.exact) / self.scale) ** 2 / self.p.area.sum()))
 
+    def uniform_error(self, each: float, seed: int) -> float:
+        """The same of `each` rays for all, read between the two powers of two about it."""
+        below = 2 ** math.floor(math.log2(each))
+        errors = [self.error(n, seed) for n in (below, 2 * below)]
+        return math.exp(float(np.interp(math.log2(each / below), [0.0, 1.0], np.log(errors))))
+
+    def allocations(self, noise: float, count: int, least: int = LEAST) -> list[Allocation]:
+        """What `count` pilots, each with other rays, find."""
+        pilots = (trace_pilot(self.g, self.p, self.receivers, seed) for seed in range(count))
+        return [allocate(pilot, self.light, self.p.area, noise, 1 << 20, least) for pilot in pilots]
+
 
 def case_of(s: Scene, size: float, rays: int, runs: int) -> Case:
     g, p = surfaces(s, size)
@@ -88,7 +100,7 @@ def case_of(s: Scene, size: float, rays: int, runs: int) -> Case:
 
 @pytest.fixture(scope="module")
 def lamp_case() -> Case:
-    return case_of(room(1.0), 0.4, 4096, 8)
+    return case_of(room(1.0), 0.5, 4096, 4)
 
 
 @pytest.fixture(scope="module")
@@ -96,56 +108,58 @@ def uneven_case() -> Case:
     return case_of(even_and_uneven(), 0.4, 4096, 4)
 
 
-def reached(c: Case, noise: float) -> Array:
-    """Squared error over squared noise of five pilots and one run each."""
-    found = [allocate(trace_pilot(c.g, c.p, c.receivers, k), c.light, c.p.area, noise, 1 << 20) for k in range(5)]
+def reached(c: Case, noise: float, pilots: int) -> Array:
+    """Error over the error asked for, of that many pilots and one run each."""
+    found = c.allocations(noise, pilots)
     assert all(0.7 * noise < f.reached <= noise for f in found)
-    return np.array([(c.error(f.rays, 20 + k) / noise) ** 2 for k, f in enumerate(found)])
+    return np.array([c.error(f.rays, 20 + k) / noise for k, f in enumerate(found)])
 
 
-@pytest.mark.parametrize("noise", [0.1, 0.05])
+@pytest.mark.parametrize("noise", [0.08, 0.05])
 def test_the_error_asked_for_is_reached(lamp_case: Case, noise: float) -> None:
-    """The mean square error is under what was asked for, with its standard error over pilots; and not under a quarter of it:
-    low-discrepancy rays gain with their number, which the pilot cannot see, so a third fewer rays would often do."""
-    found = reached(lamp_case, noise)
-    assert found.mean() + 2.0 * found.std(ddof=1) / math.sqrt(5) < 1.0 and found.mean() > 0.25, found
+    """The mean square error over pilots is under what was asked for, and not under a quarter of it: low-discrepancy rays gain with
+    their number, which the pilot cannot see, so a third fewer rays would often do. Over 30 seeds 0.64 and
+    0.59 ± 0.05 (sd); with half the rays 1.3 and 1.2."""
+    found = (reached(lamp_case, noise, 8) ** 2).mean()
+    assert 0.25 < found < 1.0, found
 
 
 def test_what_a_pilot_misses() -> None:
     """The limit of it: patches that see a lamp under a thousandth of their hemisphere, as bright as all the rest together. 64 rays
-    find it from few of them. The error is then up to twice what was asked for (seen: 0.7 to 1.6 times), not unbounded,
-    since patches that missed it are drawn to the mean of all."""
-    found = reached(case_of(behind_a_gap(), 0.5, 4096, 8), 0.15)
-    assert found.mean() > 0.25 and found.max() < 4.0, found
+    find it from few of them. The error of one pilot is then 0.6 to 1.8 times what was asked for, not unbounded, since patches that
+    missed it are drawn to the mean of all. The mean of 12 over 30 seeds: 0.92 ± 0.06 (sd); not drawn, 1.9."""
+    found = reached(case_of(behind_a_gap(), 0.5, 4096, 4), 0.15, 12).mean()
+    assert 0.5 < found < 1.3, found
 
 
 def test_rays_go_where_the_light_varies(uneven_case: Case) -> None:
-    """The even room gets a quarter or less; and a uniform choice with as many rays has a larger error."""
+    """A patch of the even room gets about a third of the rays: its own variance is nothing, what it is drawn to is not. All rays, the
+    pilot's included, are then fewer than a uniform choice would take, and as many rays, one number for all, leave a larger error.
+    Over 30 seeds (sd): 3.4 ± 0.2 times the rays, 0.61 ± 0.03 of the uniform choice's; own error 0.0134 ± 0.0013 at most, logarithm
+    of the uniform choice's over it 0.56 ± 0.04."""
     c = uneven_case
-    found = allocate(trace_pilot(c.g, c.p, c.receivers, 1), c.light, c.p.area, 0.02, 1 << 20, 64)
     even = c.p.centroid[:, 0] < 4.5
     assert even.sum() > 100 and (~even).sum() > 30
-    assert np.median(found.rays[~even]) >= 4.0 * np.median(found.rays[even])
-    assert found.spent == found.rays.sum() + PILOT * c.p.count and found.spent < 0.8 * found.uniform
-    errors = [c.error(found.rays, seed) for seed in range(3)]
-    assert max(errors) < 0.025
-    uniform = 2 ** math.floor(math.log2(found.rays.sum() / c.p.count))
-    same = 2 * uniform  # as many rays as were spent, or more
-    assert same * c.p.count >= found.rays.sum()
-    assert min(c.error(same, seed) for seed in range(3)) > max(errors), errors
+    found = c.allocations(0.01, 8, 64)
+    assert all(f.spent == f.rays.sum() + PILOT * c.p.count for f in found)
+    each = np.mean([[f.rays[even].mean(), f.rays[~even].mean()] for f in found], axis=0)
+    assert each[1] > 2.4 * each[0]
+    assert np.mean([f.spent / f.uniform for f in found]) < 0.8
+    found = c.allocations(0.02, 6, 64)
+    own = np.array([c.error(f.rays, k) for k, f in enumerate(found)])
+    uniform = np.array([c.uniform_error(float(f.rays.mean()), k) for k, f in enumerate(found)])
+    assert (own < 0.02).all() and np.log(uniform / own).mean() > math.log(1.2), (own, uniform)
 
 
 def test_the_uniform_count_is_what_uniform_rays_need(uneven_case: Case, lamp_case: Case) -> None:
-    """Uniform rays of the count reported reach the error of the allocation, within a factor of 1.6 (of the error) that powers of two
-    and the pilot's own noise leave."""
-    for c, noise in ((uneven_case, 0.05), (lamp_case, 0.15)):
-        found = allocate(trace_pilot(c.g, c.p, c.receivers, 2), c.light, c.p.area, noise, 1 << 20)
-        each = found.uniform / c.p.count
-        below = 2 ** math.floor(math.log2(each))
-        errors = [np.mean([c.error(n, seed) ** 2 for seed in range(3)]) for n in (below, 2 * below)]
-        uniform = math.exp(np.interp(math.log2(each / below), [0.0, 1.0], np.log(errors)) / 2.0)
-        own = math.sqrt(np.mean([c.error(found.rays, seed) ** 2 for seed in range(3)]))
-        assert 1 / 1.6 < uniform / own < 1.6, (uniform, own, found.uniform, found.spent)
+    """Uniform rays of the count reported reach the error of the allocation, within a factor of 1.5 (of the error) in the mean of three
+    pilots; over 30 seeds the logarithm of it is 0.09 ± 0.06 and 0.07 ± 0.04 (sd)."""
+    for c, noise in ((uneven_case, 0.05), (lamp_case, 0.1)):
+        ratios = [
+            c.uniform_error(found.uniform / c.p.count, k) / c.error(found.rays, k)
+            for k, found in enumerate(c.allocations(noise, 3))
+        ]
+        assert 1 / 1.5 < math.exp(np.log(ratios).mean()) < 1.5, ratios
 
 
 def test_the_pilot_is_not_used_again(monkeypatch: pytest.MonkeyPatch) -> None:

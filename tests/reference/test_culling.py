@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from lightgauge.reference import pipeline
 from lightgauge.reference.datatypes import Scene
-from lightgauge.reference.directions import sphere
+from lightgauge.reference.directions import fibonacci_sphere
 from lightgauge.reference.lattice import index_of, keys
 from lightgauge.reference.placement.norms import NORMS, Difference
 from lightgauge.reference.sh import irradiance_weights
@@ -31,7 +31,7 @@ def test_the_worst_case_bounds_every_lighting() -> None:
     d = difference(20, 7, 1)
     bound = NORMS["worst"].of(d)
     delta = d.delta.toarray().reshape(20, 7, 4)
-    normals = irradiance_weights(sphere(rng.random((1000, 2))))
+    normals = irradiance_weights(fibonacci_sphere(1000))
     lightings = rng.random((1000, 7)) ** rng.choice([0.1, 1.0, 10.0], (1000, 1))
     change = np.abs(np.einsum("lk,rck,lc->rl", normals, delta, lightings))
     assert (change <= bound[:, None] * lightings.max(axis=1) * (1 + 1e-6)).all()
@@ -64,7 +64,6 @@ def culled() -> Case:
         [material(0.5)],
         placement={"min_voxel": 0.2, "cull_error": TARGET, "probe_rays": 1024},
         radiosity={"patch_size": 0.4},
-        volumes={"all": {"min": [0.1, 0.1, 0.1], "max": [1.9, 1.9, 1.9]}},
     )
     surfaces = pipeline.bake_surfaces(made, 0)
     before = pipeline.trace_probes(made, surfaces, pipeline.place(made, surfaces, 0), 0)
@@ -75,7 +74,7 @@ def test_rows_are_freed_and_voxels_stay(culled: Case) -> None:
     _, _, before, after = culled
     assert after.culled is not None
     gone = after.culled.probes
-    assert gone > 0.05 * before.valid.sum()
+    assert gone > 0.15 * before.valid.sum()  # over 30 seeds 0.25 ± 0.02 (sd)
     assert after.rows.rows == len(after.octree.corners) == len(after.valid) == len(before.valid) - gone
     assert after.culled.bytes == before.rows.bytes - after.rows.bytes > 0
     assert all(np.array_equal(a, b) for a, b in zip(before.octree.voxels, after.octree.voxels, strict=True))
@@ -96,11 +95,11 @@ def test_only_valid_probes_below_the_first_levels_go(culled: Case) -> None:
 
 
 def test_the_error_stays_within_the_target(culled: Case) -> None:
-    """Under fresh lightings of four families, at fresh points; in half of the sets at least: with few points, single patches cross by
-    chance."""
+    """Under fresh lightings of four families and under single patches, at fresh points. With few points some cross by chance: over 30
+    seeds 0.07 ± 0.17 % (sd) of the lightings and 0.28 ± 0.32 % of the patches; 10 ± 1 % and 9 ± 1 % where nothing is judged."""
     made, surfaces, before, after = culled
-    found = fresh_raises(made, surfaces, before, after, TARGET, 0, 2000, 1024)
-    assert np.median(found.worst) <= TARGET
+    found = fresh_raises(made, surfaces, before, after, TARGET, 0, 4000, 256)
+    assert (found.raises > TARGET).mean() < 0.025 and found.patches_over < 0.025
     assert (found.worst_se > 0.0).all() and found.se.shape == found.raises.shape
 
 

@@ -10,6 +10,7 @@ import pytest
 from lightgauge.reference.datatypes import Scene, Sky
 from lightgauge.reference.pipeline import bake_surfaces
 from lightgauge.reference.progress import silent
+from lightgauge.reference.transport import subdivide
 from lightgauge.reference.transport.elements import element_of, points_in_elements
 from lightgauge.reference.transport.patch_light import direct_on_patches
 from lightgauge.reference.transport.patches import Patches, build_patches
@@ -23,9 +24,9 @@ SIZE, LINE = 0.5, 2.27
 BRIGHT = Sky(np.ones((1, 1, 3), np.float32), 0.0, False)
 
 
-def shadow_line(**radiosity: float) -> Scene:
-    """A floor under half a lid, sun from straight above: shadow up to x = LINE."""
-    lid = quad([[-1, 1, -1], [LINE, 1, -1], [LINE, 1, 5], [-1, 1, 5]], mat=1)
+def shadow_line(slope: float = 0.0, **radiosity: float) -> Scene:
+    """A floor under half a lid, sun from straight above: shadow up to x = LINE + slope (z - 2)."""
+    lid = quad([[-1, 1, -1], [LINE - 3.0 * slope, 1, -1], [LINE + 3.0 * slope, 1, 5], [-1, 1, 5]], mat=1)
     sun = {"type": "directional", "direction": (0, -1, 0), "irradiance": (1, 1, 1)}
     return scene([quad(FLOOR), lid], [material(0.5), material(0.0)], lights={"sun": sun}, radiosity=radiosity)
 
@@ -108,9 +109,10 @@ def test_none_where_light_is_even(seed: int) -> None:
     assert not p.key[:, 0].any()
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_noise_of_the_pilot_cuts_nothing(seed: int) -> None:
-    """Half of the sky is bright: 64 rays see it with a noise of 6 %, each piece another; the light itself is even."""
+def test_noise_of_the_pilot_cuts_next_to_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of the sky is bright: 64 rays see it with a noise of 6 %, each piece another; the light itself is even. At a tolerance of
+    half of that 7.9 ± 2.9 (sd over 30 seeds) of 512 patches are cut; 106 where the noise is not taken off, 61 unconfirmed."""
+    monkeypatch.setattr(subdivide, "LEVELS", 1)
     s = scene([quad(FLOOR)], [material(0.5)], sky=BRIGHT)
     g = build_geometry(s)
 
@@ -119,16 +121,19 @@ def test_noise_of_the_pilot_cuts_nothing(seed: int) -> None:
         light[p.count : p.count + 384 : 2] = 1.0
         return light
 
-    p = subdivided_patches(s, g, SIZE, 0.05, seed, guess, lambda q: np.zeros(q.count))
-    assert (p.key[:, 0] > 0).mean() < 0.02
+    cuts = 0
+    for seed in range(0, 400, 50):  # neighbours would share pilots
+        p = subdivided_patches(s, g, SIZE, 0.03, seed, guess, lambda q: np.zeros(q.count))
+        cuts += 64 - int((p.key[:, 0] == 0).sum())
+    assert cuts < 24
 
 
 def every_scene() -> dict[str, tuple[Geometry, Patches, float]]:
-    ball = sphere_mesh(0.5, 2, inward=False)
+    ball = sphere_mesh(0.5, 1, inward=False)
     raised = type(ball)(**{**vars(ball), "vertices": ball.vertices + np.array([1.0, 0.5, 1.0])})
     bent = scene([quad(FLOOR), raised], [material(0.5, two_sided=True)], sky=BRIGHT)
     made = {"shadow": (shadow_line(), 0.2), "contact": (contact(), 0.03), "bent": (bent, 0.05)}
-    return {name: (*cut(s, tolerance), SIZE) for name, (s, tolerance) in made.items()}
+    return {name: (*cut(s, tolerance, size=2.0 * SIZE), 2.0 * SIZE) for name, (s, tolerance) in made.items()}
 
 
 def test_patches_partition_the_surface() -> None:
@@ -170,22 +175,27 @@ def test_pieces_know_their_parents() -> None:
     np.testing.assert_allclose(area.sum(), p.area[: p.front].sum(), rtol=0.02)
 
 
+SLOPE = 0.5  # of a shadow line that crosses patches at every place: it can lie on no lattice of them by luck
+
+
 def floor_error(s: Scene, g: Geometry, p: Patches) -> float:
-    """Root mean square over 200,000 points of the floor of what their patch says less the sun or no sun there is."""
+    """Root mean square over 50,000 points of the floor of what their patch says less the sun or no sun there is."""
     light = direct_on_patches(s, g, p, 64, 5, silent).mean(axis=1)
     floor = np.flatnonzero(g.mesh == 0)
     rng = np.random.default_rng(3)
-    triangle = floor[rng.integers(len(floor), size=200_000)]
-    uv = rng.random((200_000, 2))
+    triangle = floor[rng.integers(len(floor), size=50_000)]
+    uv = rng.random((50_000, 2))
     uv = np.where(uv.sum(axis=1, keepdims=True) > 1.0, 1.0 - uv, uv)
-    exact = points_on_triangles(g, triangle, uv)[:, 0] > LINE
+    x = points_on_triangles(g, triangle, uv)
+    exact = x[:, 0] > LINE + SLOPE * (x[:, 2] - 2.0)
     patch = p.element_patch[element_of(p.cuts, p.first_element, triangle, uv[:, 0], uv[:, 1])]
     return float(np.sqrt(((light[patch] - exact) ** 2).mean()))
 
 
 def test_the_error_falls_more_per_patch_than_by_cutting_everywhere() -> None:
-    """Irradiance on the floor against the exact step: the cut patches beat uniform ones of twice their number."""
-    s = shadow_line()
+    """Irradiance on the floor against the exact step: the cut patches beat uniform ones of twice their number. Errors over
+    30 seeds: 0.602 ± 0.015 (sd) of the uniform ones', theirs 0.589 ± 0.008 of the coarse ones'."""
+    s = shadow_line(SLOPE)
     g, p = cut(s, 0.2)
     fine = SIZE
     while len(on_floor(build_patches(s, g, fine))) < 2 * len(on_floor(p)):
@@ -196,9 +206,10 @@ def test_the_error_falls_more_per_patch_than_by_cutting_everywhere() -> None:
 
 
 def test_a_smaller_tolerance_cuts_more() -> None:
-    counts = [cut(contact(), tolerance)[1].count for tolerance in (10.0, 0.05, 0.02)]
-    assert counts[0] < counts[1] < counts[2]
-    np.testing.assert_array_equal(cut(contact(), 10.0)[1].key[:, 0], 0)
+    """With one seed for all. Of 30 patches 100 and then 430 are made, ± 16 over seeds."""
+    found = [cut(contact(), tolerance, size=2.0 * SIZE)[1] for tolerance in (10.0, 0.06, 0.02)]
+    assert found[0].count < found[1].count < found[2].count
+    assert not found[0].key[:, 0].any()
 
 
 def test_a_bake_cuts_where_its_settings_ask_for_it() -> None:
