@@ -12,6 +12,7 @@ from ..datatypes import I64, Mark, Scene
 from ..lattice import Grid, distinct
 from ..turned import turned_boxes
 from .mesh_voxels import closed_voxels, mesh_voxels
+from .sampled_side import sampled_side
 from .shape_voxels import point_voxels, refuse_many, turned_box_voxels
 
 SHOWN = 5
@@ -66,7 +67,8 @@ def mark_scene(scene: Scene, grid: Grid, margin: float) -> Marked:
     for mesh in scene.meshes:
         if mesh.lit_by_probes:
             at = f"meshes.{mesh.name}"
-            put(at, mesh.probe_size, partial(mesh_voxels, mesh.vertices, mesh.faces, grid, margin=margin, where=at))
+            corners, reach = sampled_side(scene, mesh, margin)
+            put(at, mesh.probe_size, partial(mesh_voxels, corners, grid, reach=reach, where=at))
     volumes = scene.settings.volumes
     boxes = turned_boxes(volumes.values(), scene.settings.scene.rotation)
     for (name, volume), box in zip(volumes.items(), boxes, strict=True):
@@ -86,7 +88,7 @@ def mark_voxels(mark: Mark, grid: Grid, level: int, where: str) -> I64:
         return point_voxels(mark.vertices, grid, level)
     if mark.kind == "closed":
         return closed_voxels(mark.vertices, mark.faces, grid, level, where)
-    return mesh_voxels(mark.vertices, mark.faces, grid, level, 0.0, where)
+    return mesh_voxels(mark.vertices[mark.faces], grid, level, None, where)
 
 
 def missed(grid: Grid) -> str:

@@ -26,20 +26,20 @@ SOLID_ANGLES_PER_BATCH = 1 << 20
 FARTHEST = 1e-9  # share of a cell by which bounds are widened, the hair of tri_box
 
 
-def mesh_voxels(vertices: F64, faces: I32, grid: Grid, level: int, margin: float, where: str = "mesh") -> I64:
-    """Sorted keys (N,) of the voxels of `level` within `margin`, m (per axis), of triangles: vertices (V, 3) m, faces (F, 3).
+def mesh_voxels(corners: F64, grid: Grid, level: int, reach: F64 | None = None, where: str = "mesh") -> I64:
+    """Sorted keys (N,) of the voxels of `level` that triangles `corners` (F, 3, 3) m touch, or come within `reach` (F, 3) m, per axis.
 
     Raises InputError naming `where` if they are more than MAX_VOXELS.
     """
-    corners = (vertices - grid.origin)[faces]
-    test = CubeTest(corners)
-    entry, first = _entries(corners, grid, level, margin)
+    corners = corners - grid.origin
+    test = CubeTest(corners, reach)
+    entry, first = _entries(corners, grid, level, 0.0 if reach is None else reach)
     triangle, block = np.zeros(0, np.int64), np.zeros((0, 3), np.int64)
     for depth in range(level + 1):
         enters = np.flatnonzero(entry == depth)
         triangle, block = np.concatenate([triangle, enters]), np.concatenate([block, first[enters]])
         size = grid.size(depth)
-        pair, octant = np.nonzero(test(triangle, block, size, 0.5 * size + margin))
+        pair, octant = np.nonzero(test(triangle, block, size))
         cell, triangle = block[pair] + OCTANTS[octant], triangle[pair]
         inside = (cell <= grid.last(depth)).all(axis=1)
         cell, triangle = cell[inside], triangle[inside]
@@ -48,9 +48,9 @@ def mesh_voxels(vertices: F64, faces: I32, grid: Grid, level: int, margin: float
     return distinct(keys(cell))
 
 
-def _entries(corners: F64, grid: Grid, level: int, margin: float) -> tuple[I64, I64]:
+def _entries(corners: F64, grid: Grid, level: int, reach: F64 | float) -> tuple[I64, I64]:
     """Per triangle the level at which it enters the descent, -1 if it lies off the grid, and its lowest cell there (T, 3)."""
-    lower, upper = corners.min(axis=1) - margin, corners.max(axis=1) + margin
+    lower, upper = corners.min(axis=1) - reach, corners.max(axis=1) + reach
     entry = np.full(len(corners), -1, dtype=np.int64)
     first = np.zeros((len(corners), 3), dtype=np.int64)
     for depth in range(level, -1, -1):
@@ -63,13 +63,13 @@ def _entries(corners: F64, grid: Grid, level: int, margin: float) -> tuple[I64, 
 
 
 def closed_voxels(vertices: F64, faces: I32, grid: Grid, level: int, where: str = "mesh") -> I64:
-    """Sorted keys (N,) of the voxels of `level` that a watertight mesh touches or encloses; arguments as `mesh_voxels`.
+    """Sorted keys (N,) of the voxels of `level` that a watertight mesh, vertices (V, 3) m and faces (F, 3), touches or encloses.
 
     Raises InputError naming `where` if its bounds hold more than MAX_VOXELS.
     """
     from scipy import ndimage
 
-    surface = mesh_voxels(vertices, faces, grid, level, 0.0, where)
+    surface = mesh_voxels(vertices[faces], grid, level, None, where)
     points = vertices - grid.origin
     begin, end = clipped_block(points.min(axis=0)[None], points.max(axis=0)[None], grid, level, FARTHEST)
     shape = (end - begin + 1)[0]

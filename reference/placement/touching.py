@@ -12,6 +12,7 @@ import numpy as np
 
 from ..datatypes import I64, Scene
 from ..lattice import OCTANTS, Grid, distinct, index_of, keys
+from .sampled_side import sampled_side
 from .tri_box import CubeTest
 
 # Voxels of this many levels above the coarsest size that any mesh asks for, and coarser ones, only lead down to those: they are
@@ -31,17 +32,16 @@ def touched_voxels(scene: Scene, grid: Grid, occupied: Sequence[I64], margin: fl
     occupied: per level the sorted keys of the bitmap. margin, m: how far off their surface meshes are sampled; the voxels within
     that reach count, as they do in the bitmap. A descent that stays within the bitmap: a triangle costs what is marked along it.
     """
-    meshes = [m for m in scene.meshes if m.lit_by_probes]
+    sides = [sampled_side(scene, m, margin) for m in scene.meshes if m.lit_by_probes]
     nothing = np.zeros(0, dtype=np.int64)
-    if not meshes or finest < 0:
+    if not sides or finest < 0:
         return (nothing,) * (grid.level + 1)
-    corners = np.concatenate([(m.vertices - grid.origin)[m.faces] for m in meshes])
-    test = CubeTest(corners)
+    corners = np.concatenate([c for c, _ in sides]) - grid.origin
+    test = CubeTest(corners, np.concatenate([reach for _, reach in sides]))
     triangle, cell = np.arange(len(corners)), np.zeros((len(corners), 3), dtype=np.int64)
     found = [distinct(keys(cell))]
     for level in range(1, finest + 1):
-        size = grid.size(level)
-        pair, octant = np.nonzero(test(triangle, 2 * cell, size, 0.5 * size + margin))
+        pair, octant = np.nonzero(test(triangle, 2 * cell, grid.size(level)))
         cell, triangle = 2 * cell[pair] + OCTANTS[octant], triangle[pair]
         key = keys(cell)
         marked = index_of(occupied[level], key) >= 0

@@ -30,13 +30,16 @@ def centres(grid: Grid, level: int) -> np.ndarray:
 @pytest.mark.parametrize("margin", [0.0, 0.1, 0.5])
 @pytest.mark.parametrize("level", [3, 2, 0])
 def test_surfaces_against_brute_force(margin: float, level: int) -> None:
-    """A ball of small triangles, one large triangle, and one that reaches far out of the grid."""
+    """A ball of small triangles, one large triangle, and one that reaches far out of the grid; up to `margin` off, each another."""
+    rng = np.random.default_rng(5)
     far = mesh([[-40, -1, -1], [50, 40, 3], [0.1, 1, -0.7]], [[0, 1, 2]])
     for shape in (sphere_mesh(0.9, 1), mesh([[-1, -1, -1], [1, 0.9, 0.2], [0.1, 1, -0.7]], [[0, 1, 2]]), far):
-        got = mesh_voxels(shape.vertices, shape.faces, GRID, level, margin)
-        corners, half = shape.vertices[shape.faces], 0.5 * GRID.size(level) + margin
+        reach = margin * rng.random((len(shape.faces), 3))
+        got = mesh_voxels(shape.vertices[shape.faces], GRID, level, reach if margin else None)
+        corners, half = shape.vertices[shape.faces], 0.5 * GRID.size(level) + reach
         pairs = corners[None] - centres(GRID, level)[:, None, None, :]
-        touched = triangles_touch_boxes(pairs.reshape(-1, 3, 3), half).reshape(len(pairs), -1).any(axis=1)
+        halves = np.broadcast_to(half, (len(pairs), *half.shape)).reshape(-1, 3)
+        touched = triangles_touch_boxes(pairs.reshape(-1, 3, 3), halves).reshape(len(pairs), -1).any(axis=1)
         np.testing.assert_array_equal(got, keys(every(GRID, level)[touched]))
         assert touched.any()
 
@@ -50,22 +53,21 @@ def test_one_kernel_serves_all_sizes_levels_and_meshes() -> None:
         dr.kernel_history_clear()
         for size, level, count in ((0.25, 6, 300), (0.13, 7, 3), (1.1, 4, 1)):
             grid = Grid(rng.random(3) - 9, size, level, np.full(3, 1 << level))
-            faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
-            assert len(mesh_voxels(rng.uniform(-8, 8, (3 * count, 3)), faces, grid, level, 0.1 * size))
+            assert len(mesh_voxels(rng.uniform(-8, 8, (count, 3, 3)), grid, level, np.full((count, 3), 0.1 * size)))
             seen.append({k["hash"] for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT})
     assert len(seen[0]) <= 2 and seen[1] <= seen[0] and seen[2] <= seen[0]
 
 
 def test_a_mesh_off_the_grid_marks_nothing() -> None:
     ball = sphere_mesh(0.9, 1)
-    assert len(mesh_voxels(ball.vertices + 50.0, ball.faces, GRID, 3, 0.1)) == 0
+    assert len(mesh_voxels(ball.vertices[ball.faces] + 50.0, GRID, 3)) == 0
     assert len(closed_voxels(ball.vertices - 50.0, ball.faces, GRID, 3)) == 0
 
 
 def test_borders_mark_both_sides_and_margin_widens() -> None:
     low = quad([[1, 1, 1], [1, 1, 2], [2, 1, 2], [2, 1, 1]])
     grid = Grid(np.zeros(3), 0.5, 3, np.full(3, 8))
-    thin, wide = (mesh_voxels(low.vertices, low.faces, grid, 3, m) for m in (0.0, 0.6))
+    thin, wide = (mesh_voxels(low.vertices[low.faces], grid, 3, np.full((2, 3), m)) for m in (0.0, 0.6))
     assert len(wide) > len(thin) and np.isin(thin, wide).all()
     # y = 1 lies on the border of two rows of voxels, with x and z from 1 to 2: 4 × 2 × 4 touched
     assert len(thin) == 4 * 2 * 4 and math.isclose(cells(thin)[:, 1].mean(), 1.5)
@@ -140,7 +142,7 @@ def test_too_many_voxels_are_refused_before_they_are_made(monkeypatch: pytest.Mo
         closed_voxels(np.array([[0.5] * 3, [300.5] * 3, [1, 300, 9.0]]), np.array([[0, 1, 2]]), grid, 16, "marks.m")
     monkeypatch.setattr("lightgauge.reference.placement.shape_voxels.MAX_VOXELS", 1000)
     with pytest.raises(InputError, match=r"meshes\.m: asks for \d+ pairs .* raise its probe_size"):
-        mesh_voxels(b.vertices, b.faces, grid, 16, 0.0, "meshes.m")
+        mesh_voxels(b.vertices[b.faces], grid, 16, None, "meshes.m")
     assert MAX_VOXELS == 1 << 24
 
 

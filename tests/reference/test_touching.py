@@ -14,6 +14,7 @@ from lightgauge.reference.lattice import Grid, Octree, cells, keys, make_grid
 from lightgauge.reference.placement.distance import harmonic_mean
 from lightgauge.reference.placement.mesh_voxels import mesh_voxels
 from lightgauge.reference.placement.octree import build_octree
+from lightgauge.reference.placement.sampled_side import sampled_side
 from lightgauge.reference.placement.touching import touched_voxels
 from lightgauge.reference.placement.voxel_bitmap import build_bitmap
 from lightgauge.reference.visibility import build_geometry
@@ -45,7 +46,7 @@ def found_share(width: float, touching: bool) -> float:
     s = room(width)
     tree, grid = placed(s, touching)
     mesh = s.meshes[1]
-    wanted = cells(mesh_voxels(mesh.vertices, mesh.faces, grid, grid.level, 0.0))
+    wanted = cells(mesh_voxels(mesh.vertices[mesh.faces], grid, grid.level))
     wanted = wanted[np.abs(grid.corner_positions(wanted)[:, 1]) < FAR / 2]
     return float(np.isin(keys(wanted), keys(tree.voxels[-1])).mean())
 
@@ -116,7 +117,8 @@ def test_touched_voxels_are_those_of_the_surface_within_the_bitmap(margin: float
     found = touched_voxels(s, grid, occupied, margin, grid.level)
     mesh = s.meshes[1]
     for level in range(grid.level + 1):
-        expected = mesh_voxels(mesh.vertices, mesh.faces, grid, level, margin)
+        corners, reach = sampled_side(s, mesh, margin)
+        expected = mesh_voxels(corners, grid, level, reach)
         np.testing.assert_array_equal(found[level], expected[np.isin(expected, occupied[level])])
     assert len(found[-1]) > 20 and (cells(found[-1]) >= 0).all()
     dark = scene([box((-FAR,) * 3, (FAR,) * 3, lit_by_probes=False)])

@@ -65,8 +65,13 @@ def test_the_kernel_is_its_twin(count: int, half: float) -> None:
     triangles[:third] = np.round(triangles[:third] / 0.3) * 0.3
     row = rng.integers(0, len(triangles), count)
     block = np.clip((triangles[row].mean(axis=1) / 0.3).astype(np.int64) + rng.integers(-2, 2, (count, 3)), 0, None)
-    got = CubeTest(triangles)(row, block, 0.3, half)
+    reach = (
+        np.maximum(half - 0.15, 0.0) * rng.random((len(triangles), 3)) * 2.0
+    )  # none, so whole cubes of 0.3, or each another
+    got = CubeTest(triangles, reach if half > 0.15 else None)(row, block, 0.3)
     cell = (block[:, None, :] + OCTANTS[None]).reshape(-1, 3)
     relative = triangles[np.repeat(row, 8)] - ((cell + 0.5) * 0.3)[:, None, :]
-    np.testing.assert_array_equal(got, triangles_touch_boxes(relative, half).reshape(-1, 8))
+    np.testing.assert_array_equal(
+        got, triangles_touch_boxes(relative, np.repeat(0.15 + reach[row], 8, axis=0)).reshape(-1, 8)
+    )
     assert count < 2 or 0.05 < got.mean() < 0.95

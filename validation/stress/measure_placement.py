@@ -213,7 +213,7 @@ def thin_things(width: float, seed: int) -> Mapping[str, Reading]:
 
 
 def _found_share(tree: Octree, pole: Mesh) -> Reading:
-    wanted = cells(mesh_voxels(pole.vertices, pole.faces, tree.grid, tree.grid.level, 0.0))
+    wanted = cells(mesh_voxels(pole.vertices[pole.faces], tree.grid, tree.grid.level))
     wanted = wanted[np.abs(tree.grid.corner_positions(wanted)[:, 1]) < FAR / 2]
     there = np.isin(keys(wanted), keys(tree.voxels[-1]))
     return Reading(float(there.mean()), 0.0, len(there))
