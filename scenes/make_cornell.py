@@ -16,27 +16,31 @@ red = { albedo = $red }
 lamp = { albedo = [$glass, $glass, $glass] }
 
 [meshes]
-floor = { file = "floor.ply", material = "white" }
-ceiling = { file = "ceiling.ply", material = "white" }
-back = { file = "back.ply", material = "white" }
-right = { file = "right.ply", material = "green" }
-left = { file = "left.ply", material = "red" }
-short_block = { file = "short_block.ply", material = "white" }
-tall_block = { file = "tall_block.ply", material = "white" }
-lamp = { file = "lamp.ply", material = "lamp" }
+floor = { file = "floor.ply", material = "white", probe_size = 0.035 }
+ceiling = { file = "ceiling.ply", material = "white", probe_size = 0.035 }
+back = { file = "back.ply", material = "white", probe_size = 0.035 }
+right = { file = "right.ply", material = "green", probe_size = 0.035 }
+left = { file = "left.ply", material = "red", probe_size = 0.035 }
+short_block = { file = "short_block.ply", material = "white", probe_size = 0.035 }
+tall_block = { file = "tall_block.ply", material = "white", probe_size = 0.035 }
+lamp = { file = "lamp.ply", material = "lamp", probe_size = 0.035 }
 
 [lights]
 lamp = { type = "area", mesh = "lamp", radiance = $radiance, tag = "engine" }
 
 [volumes]
 above_blocks = { min = [0.04, 0.35, 0.04], max = [0.51, 0.52, 0.52], probe_size = 0.07 }
+# The ceiling's creases: light changes there within a voxel. Without them the error is 6 % of itself higher, for 3 % fewer probes.
+ceiling_back = { min = [0.0, 0.54, 0.55], max = [0.556, 0.5488, 0.5592], probe_size = 0.0175 }
+ceiling_left = { min = [0.54, 0.54, 0.0], max = [0.556, 0.5488, 0.5592], probe_size = 0.0175 }
+ceiling_right = { min = [0.0, 0.54, 0.0], max = [0.01, 0.5488, 0.5592], probe_size = 0.0175 }
 
 [cameras]
 # Published: at 278 273 -800 mm looking along +z; 35 mm lens, 25 mm film: 2 atan(12.5 / 35).
 front = { origin = [0.278, 0.273, -0.8], target = [0.278, 0.273, 0.0], fov_deg = 39.3077, width = 224, height = 224 }
 
 [placement]
-min_voxel = 0.035
+min_voxel = 0.0175
 cull_error = 0.02
 
 [radiosity]
@@ -68,6 +72,7 @@ The measured Cornell box: five walls, two blocks, one lamp; open towards the cam
 - **Right answer**: no closed form; the path-traced truth. Known beforehand: the lamp is a direct light (`engine`), so all
   that the probes hold has been reflected at least once; the floor beside the left wall is redder and beside the right
   wall greener than in the middle; at the open front, light is lost and none comes in.
+- **Controls**: voxels of 0.035 m on surfaces, 0.0175 m along the three creases of the ceiling, 0.07 m above the blocks.
 - **Tests**: the whole chain on the field's best-known scene, its error against the L1 floor (at most 1.4 ×), reference noise under 2 %,
   blocks that stand oblique to the voxels.
 """
