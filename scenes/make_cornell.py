@@ -30,7 +30,8 @@ lamp = { type = "area", mesh = "lamp", radiance = $radiance, tag = "engine" }
 
 [volumes]
 above_blocks = { min = [0.04, 0.35, 0.04], max = [0.51, 0.52, 0.52], probe_size = 0.07 }
-# The ceiling's creases: light changes there within a voxel. Without them the error is 6 % of itself higher, for 3 % fewer probes.
+# The ceiling's creases: light changes there within a voxel. Without them the placement-only error (mean over lattices) is 6 % higher,
+# for 3 % fewer probes.
 ceiling_back = { min = [0.0, 0.54, 0.55], max = [0.556, 0.5488, 0.5592], probe_size = 0.0175 }
 ceiling_left = { min = [0.54, 0.54, 0.0], max = [0.556, 0.5488, 0.5592], probe_size = 0.0175 }
 ceiling_right = { min = [0.0, 0.54, 0.0], max = [0.01, 0.5488, 0.5592], probe_size = 0.0175 }
@@ -42,6 +43,9 @@ front = { origin = [0.278, 0.273, -0.8], target = [0.278, 0.273, 0.0], fov_deg =
 [placement]
 min_voxel = 0.0175
 cull_error = 0.02
+
+[sampling]
+normal_offset = 1.0  # finest voxels: half of one of 0.035 m
 
 [radiosity]
 patch_size = 0.03

@@ -29,8 +29,8 @@ from .judge import Judge, Verdict
 from .mending import given_back
 from .norms import Difference, Norm
 
-STEPS = 7
-TRIALS = 6  # halvings of what is mended and checked; the first is with all that the first judge lets through
+STEPS = 10
+TRIALS = 9  # halvings of what is mended and checked; the first is with all that the first judge lets through
 MENDS = 3  # rounds: the first leaves a tenth of the patches, the second a hundredth
 ROWS_PER_PART = 2048
 # Odds of going over the target that are let through. They are estimates from points and lightings that nothing is chosen by, so

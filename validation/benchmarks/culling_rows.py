@@ -1,7 +1,8 @@
 """Culling by form factors: what goes, what it does to light that was never seen, and whether its prediction is worth anything.
 
-culled_share_SCENE         valid probes that the product itself culls at cull_error = 0.02, over all valid ones; 0 where the fresh
-                           raise is over 0.02 in any of five sets of lightings
+culled_share_SCENE         valid probes that the product itself culls at cull_error = 0.02, over all valid ones: mean over the scene's
+                           own lattice and LATTICES random ones, on which it hangs; 0 where on the own one the fresh raise is over
+                           0.02 in any of five sets of lightings
 culled_raise_SCENE         largest raise of the error at fresh points under any of 40 fresh lightings, in the worst of five sets of 40
 culled_patches_over_SCENE  share of single patches, each as likely as the other, that alone would raise it by more than 0.02
 cull_s_house               seconds of the culling of house
@@ -20,6 +21,7 @@ import numpy as np
 
 from ...reference import pipeline
 from ...reference.datatypes import Scene
+from ...reference.lattice import Octree
 from ...reference.pipeline.culling import setting, training_points
 from ...reference.placement.norms import NORMS
 from ...reference.progress import Progress
@@ -29,6 +31,7 @@ from ..culling.bounds import Bound, bound
 from ..culling.fresh import PER_FAMILY, SETS, SINGLE, Fresh, fresh_raises
 from ..culling.honesty import Honest, honesty
 from ..culling.retraced import retrace
+from ..efficiency.placements import adaptive, random_shifts
 from .places import bundled
 from .rows import Group, Row, Wanted, row_of
 
@@ -36,6 +39,7 @@ TARGETS = {"cornell": 0.10, "house": 0.20, "valley": 0.25}
 CULL_ERROR = 0.02
 USED = "relative"  # the norm that the product culls by
 SEED, REPEATS = 0, 3
+LATTICES = 5
 OF_SCENES = tuple(
     f"{row}_{name}" for name in TARGETS for row in ("culled_share", "culled_raise", "culled_patches_over")
 )
@@ -64,22 +68,34 @@ def culled_case(name: str, seed: int = SEED) -> Case:
     ensure_variant()
     scene = with_placement(bundled(name), cull_error=CULL_ERROR)
     surfaces = pipeline.bake_surfaces(scene, seed)
-    before = pipeline.trace_probes(scene, surfaces, pipeline.place(scene, surfaces, seed), seed)
+    return _culled(scene, surfaces, pipeline.place(scene, surfaces, seed), seed)
+
+
+def elsewhere(case: Case) -> list[float]:
+    """Shares with the lattice at LATTICES random places."""
+    shifts = random_shifts(case.scene, case.surfaces, LATTICES, SEED)
+    return [_culled(case.scene, case.surfaces, adaptive(case.scene, case.surfaces, s), SEED).share for s in shifts]
+
+
+def _culled(scene: Scene, surfaces: pipeline.Surfaces, tree: Octree, seed: int) -> Case:
+    before = pipeline.trace_probes(scene, surfaces, tree, seed)
     return Case(scene, surfaces, before, pipeline.cull_probes(scene, surfaces, before, seed))
 
 
-def scene_rows(name: str, case: Case, fresh: Fresh) -> Iterator[Row]:
-    """Share, raise, and single patches of one scene."""
+def scene_rows(name: str, case: Case, fresh: Fresh, others: list[float]) -> Iterator[Row]:
+    """Share, raise, and single patches of one scene. others: shares on other lattices, none where nobody asked."""
     culled, worst = case.after.culled, fresh.worst
     assert culled is not None
     kept = worst <= CULL_ERROR
     families = ", ".join(f"{family} {value:.2%}" for family, value in fresh.by_family().items())
     note = (
-        f"{culled.probes} of {int(case.before.valid.sum())} valid probes, {culled.able} have eight valid parents; "
+        f"own lattice: {culled.probes} of {int(case.before.valid.sum())} valid probes, {culled.able} have eight valid parents; "
         f"{culled.bytes >> 10} KiB freed of {case.before.rows.bytes >> 10}; {int(kept.sum())} of {SETS} sets of "
-        f"{4 * PER_FAMILY} lightings stay within {CULL_ERROR}"
+        f"{4 * PER_FAMILY} lightings stay within {CULL_ERROR}; other lattices: {', '.join(f'{share:.1%}' for share in others)}"
     )
-    yield row_of(f"culled_share_{name}", case.share if kept.all() else 0.0, "share", "higher", TARGETS[name], note)
+    shares = np.array([case.share, *others]) if kept.all() else np.zeros(1)
+    se = float(shares.std(ddof=1) / np.sqrt(len(shares))) if len(shares) > 1 else 0.0
+    yield Row(f"culled_share_{name}", float(shares.mean()), "share", TARGETS[name], "higher", se, len(shares), note)
     said = f"{fresh.points} points; largest of all {SETS} sets: {families}"
     few = f"{min(SINGLE, fresh.points)} points: part of it is their noise, which alone takes some patches over"
     sets = ", ".join(f"{value:.2%} ± {se:.2%}" for value, se in zip(worst, fresh.worst_se, strict=True))
@@ -147,7 +163,7 @@ def culling(wanted: Wanted, progress: Progress) -> Iterator[Row]:
         case = culled_case(name)
         if of_scene:
             fresh = fresh_raises(case.scene, case.surfaces, case.before, case.after, CULL_ERROR, SEED)
-            yield from scene_rows(name, case, fresh)
+            yield from scene_rows(name, case, fresh, elsewhere(case) if f"culled_share_{name}" in wanted else [])
         if timed:
             yield from seconds(case)
         if norms:
