@@ -95,20 +95,18 @@ radiosity). Everything is static and lit by probes.
   partition of 0.15 m, a roof slab with eaves. It is open only underneath, along its outline at y = $base: the terrain is level
   there (y = 0) and reaches halfway under the walls, and there is no terrain under the floor. `terrain` is a single sheet facing up;
   a probe under it sees back faces, and under its edge the sky. Crowns are closed lumps that do not touch each other.
-- **Controls**: voxels of 1 m for the terrain, 0.5 m for the trees' crowns, the house's floor and its partition, 0.25 m for the trunks and the
-  rest of the house. The talk's control,
-  the right-hand tree at half the resolution, is `--set meshes.tree_b_crown.probe_size=1.0`: 4 % fewer probes, and the outdoor error rises
-  by 7 % of itself. A walkable volume of 2 m over the terrain, up to y = 2 m (its lower part lies in the ground), and a
-  volume of 0.5 m indoors.
+- **Controls**: voxels of 1 m for the terrain, 0.5 m for the trees' crowns, the house's floor and its partition, 0.25 m for the trunks
+  and the rest of the house. The talk's control, the right-hand tree at half the resolution, is
+  `--set meshes.tree_b_crown.probe_size=1.0`: 4 % fewer probes, and the outdoor error rises by 7 % of itself. A walkable volume of 2 m
+  over the terrain, up to y = 2 m (its lower part lies in the ground), and a volume of 0.5 m indoors.
 - **Bake**: `lightgauge bake house` also keeps lumels of 0.5 m on the floor and a cubemap in the larger room.
 - **Evening**: `evening.toml` is a lights file, other light for a bake of this scene: a low warm sun and a dim blue sky.
 - **Right answer**: the path-traced truth. Known beforehand: on open level ground the indirect irradiance is close to π × sky radiance,
   [0.88, 1.13, 1.57], times the visible share of the sky, plus a few percent from the hills; indoors it is an order of magnitude less.
 - **Tests**: adaptivity (one number hides the room: read indoors and outdoors apart), per-mesh resolution, foliage. By
   t ≥ h(|nx|+|ny|+|nz|) the walls ($wall m, axis-aligned) need voxels of 0.25 m, which they have; the partition (0.15 m) needs 0.15 m
-  and the sloping roof (0.175 m) 0.13 m, so a little light may leak there and must be reported. (At 0.25 m the partition would leak
-  no less than at 0.5 m, for 4 % more probes.) Coarser
-  `meshes.house_walls.probe_size` (the talk's walls are thinner than its voxels) shows the leak grow.
+  and the sloping roof (0.175 m) 0.13 m, so a little light may leak there and must be reported. (At 0.25 m the
+  partition leaves the room's error as it is at 0.5 m, for 4 % more probes.) Coarser `meshes.house_walls.probe_size` (the talk's walls are thinner than its voxels) shows the leak grow.
 """
 
 

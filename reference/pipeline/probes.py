@@ -121,7 +121,7 @@ def _lattice(scene: Scene, g: Geometry, shift: F64 | float) -> Grid:
 
 
 def bitmap(scene: Scene, grid: Grid) -> VoxelBitmap:
-    """Where the scene wants probes, and how finely, on the lattice of `grid`; surfaces are widened by the sample offset."""
+    """Where the scene wants probes, and how finely, on the lattice of `grid`; surfaces reach as far as they are sampled."""
     return build_bitmap(scene, grid, scene.settings.sampling.normal_offset * grid.wanted)
 
 

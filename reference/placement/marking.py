@@ -50,7 +50,7 @@ class Marked:
 def mark_scene(scene: Scene, grid: Grid, margin: float) -> Marked:
     """Marks of meshes, volumes and marks, each at the level nearest to its probe_size, else the finest.
 
-    margin, m: how far off their surface meshes are sampled; the voxels within that reach are marked too. Raises InputError
+    margin, m: how far off their surface meshes are sampled; voxels up to there are marked too (`sampled_side`). Raises InputError
     if something asks for more voxels than a bitmap may hold.
     """
     marked = Marked.none(grid)

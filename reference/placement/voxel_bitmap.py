@@ -37,7 +37,7 @@ class VoxelBitmap:
 
 def build_bitmap(scene: Scene, grid: Grid, margin: float) -> VoxelBitmap:
     """Marks of the scene under its limits, its bitmap file laid over. `margin`, m: how far off their surface meshes are
-    sampled; the voxels within that reach are marked too.
+    sampled; the voxels up to there, on the sampled side, are marked too.
 
     Raises InputError naming the mesh, volume, mark, limit or layer that asks for more voxels than can be marked.
     """

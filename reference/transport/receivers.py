@@ -22,8 +22,9 @@ from .patches import Patches
 
 Uniform = Callable[[int], Any]
 
-# Origins stay this far (share of the unit box) from their triangle's edges: beside a wall at less than a right angle the lift
-# would end behind that wall, and the ray in the sky. 5e-6 holds down to 22°. Of slivers a tenth at most is left out.
+# Origins on surfaces stay this far (share of the unit box) from their triangle's edges: beside a wall at less than a right angle
+# that stands on the edge, the lift would end behind it, and the ray in the sky. 5e-6 holds down to 22°. Triangles with incircles
+# of less than 5e-5 are made smaller by a tenth.
 INSET, INSET_MOST = 5e-6, 0.1
 
 
@@ -125,8 +126,11 @@ def area_receivers(g: Geometry, corners: F64, normals: F64, begin: I64, end: I64
 def _inset(corners: F64) -> F64:
     """Triangles (E, 3, 3) of the unit box with every edge moved in by INSET: scaled about the centres of their incircles."""
     opposite = np.linalg.norm(np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1), axis=2)
-    around = np.maximum(opposite.sum(axis=1), np.finfo(np.float64).tiny)
-    centre = (opposite[:, :, None] * corners).sum(axis=1, keepdims=True) / around[:, None, None]
+    around = opposite.sum(axis=1)
+    share = np.where(
+        around[:, None] > 0.0, opposite / np.maximum(around, np.finfo(np.float64).tiny)[:, None], 1.0 / 3.0
+    )
+    centre = (share[:, :, None] * corners).sum(axis=1, keepdims=True)
     double_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     by = np.minimum(INSET * around / np.maximum(double_area, np.finfo(np.float64).tiny), INSET_MOST)
     return np.asarray(centre + (1.0 - by)[:, None, None] * (corners - centre))

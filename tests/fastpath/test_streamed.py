@@ -176,7 +176,7 @@ def test_half_floats_and_images(device: OpenDevice, world: World, storage: Any, 
 
 
 def test_far_from_the_origin_it_is_the_same(device: OpenDevice, world: World) -> None:
-    """E5: 131 km away, the texture moved along, single precision resolves 8 mm; the answers are those at the origin, to the bit. The
+    """E5: 131 km away, the texture moved along, single precision resolves 16 mm; the answers are those at the origin, to the bit. The
     places are multiples of 2⁻³⁰ m, which double precision holds there too: no tie at an edge is rounded otherwise."""
     far = np.array([1.0, -1.0, 1.0]) * 2.0**17
     here, there = streamed(device, world, 400), streamed(device, world.at(far), 400)

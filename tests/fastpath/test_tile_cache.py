@@ -98,7 +98,8 @@ def test_filled_as_the_plain_filling_says(
     device: OpenDevice, storage: Storage, layout: Layout, on_device: bool, components: int
 ) -> None:
     """All levels of virtual probes, host light and light that is on the device: bit for bit, but for 8-bit weights, where 1/255
-    is rounded in other ways: one unit of a half."""
+    is rounded in other ways: one unit of a half, or where a weight is as near to one step as to the next a step of it, and the light
+    that is stored times it with it."""
     world = World(components)
     cache = TileCache(device, world.table.tiles + 7, storage, layout, world.table.used(), components == 9)
     light: Any = pyopencl.array.to_device(device.queue, world.light) if on_device else world.light
@@ -110,7 +111,10 @@ def test_filled_as_the_plain_filling_says(
         twin = world.twin(lit, storage)
         got = read(device, cache, world.slot, storage, layout)
         limit = 2.0**-10 if storage == "half8" else 0.0
-        assert (np.abs(got - twin) <= limit * np.abs(twin)).all()
+        tie = np.abs(got[..., -1] - twin[..., -1]) > 1e-3 if storage == "half8" else np.zeros(got.shape[:2], np.bool_)
+        assert (np.abs(got - twin) <= limit * np.abs(twin))[~tie].all()
+        assert tie.mean() < 1e-3 and (np.abs(got[tie, -1] - twin[tie, -1]) < 1.01 / 255).all()
+        np.testing.assert_allclose(got[tie] / got[tie, -1:], twin[tie] / twin[tie, -1:], rtol=4 * 2.0**-11)
         assert len(np.unique(world.table.tile_level)) == 4 and (twin[..., 12] % 1.0 > 0).any(), (
             "virtual probes with fractions"
         )

@@ -40,17 +40,20 @@ def test_the_worst_case_bounds_every_lighting() -> None:
     assert np.abs(one).max(axis=1) == pytest.approx(alone, rel=0.02)
 
 
+BOUND_OF_NOISE = {"l2": 0.06, "power": 0.22}
+
+
 @pytest.mark.parametrize("name", ["l2", "power"])
 def test_norms_of_clusters_do_not_count_noise(name: str) -> None:
     """Rows that differ by noise of a known variance alone measure about nothing; without the variance, the noise. What is cut off at 0
-    leaves a mean of 0.043 (l2) and 0.145 ± 0.014 (power) of its square."""
+    leaves a mean of 0.043 ± 0.003 (l2) and 0.145 ± 0.014 (power) of its square."""
     rng = np.random.default_rng(3)
     sigma = 0.1
     noise = sparse.csr_array((sigma * rng.normal(size=(400, 4 * 50))).astype(np.float32))
     variance = sparse.csr_array(np.full((400, 4 * 50), sigma**2, dtype=np.float32))
     aware = NORMS[name].of(Difference(noise, variance, np.ones(50)))
     blind = NORMS[name].of(Difference(noise, None, np.ones(50)))
-    assert (aware**2).mean() < 0.22 * (blind**2).mean()
+    assert (aware**2).mean() < BOUND_OF_NOISE[name] * (blind**2).mean()
     real = noise + sparse.csr_array(np.full((400, 4 * 50), 1.0, dtype=np.float32))
     assert NORMS[name].of(Difference(real, variance, np.ones(50))) == pytest.approx(
         NORMS[name].of(Difference(real, None, np.ones(50))), rel=0.02
@@ -99,7 +102,7 @@ def test_the_error_stays_within_the_target(culled: Case) -> None:
     seeds 0.07 ± 0.17 % (sd) of the lightings and 0.28 ± 0.32 % of the patches; 10 ± 1 % and 9 ± 1 % where nothing is judged."""
     made, surfaces, before, after = culled
     found = fresh_raises(made, surfaces, before, after, TARGET, 0, 4000, 256)
-    assert (found.raises > TARGET).mean() < 0.025 and found.patches_over < 0.025
+    assert (found.raises > TARGET).mean() < 0.025 and found.patches_over < 0.025 and found.raises.max() < 3.0 * TARGET
     assert (found.worst_se > 0.0).all() and found.se.shape == found.raises.shape
 
 

@@ -104,9 +104,7 @@ def test_rows_are_the_flows_over_the_area(patches: int) -> None:
     np.testing.assert_allclose(rows.matrix().toarray(), dense / area[:, None], rtol=1e-7)
     se = rows.matrix().astype(np.float64)
     se.data[:] = rows.se[:, 0]
-    np.testing.assert_allclose(
-        se.toarray(), np.sqrt(spread) / area[:, None], rtol=2e-7
-    )  # rounded to single precision twice
+    np.testing.assert_allclose(se.toarray(), np.sqrt(spread) / area[:, None], rtol=2e-7)  # rounded twice
     for i in range(patches):
         mine = rows.columns[rows.indptr[i] : rows.indptr[i + 1]]
         assert (np.diff(mine) > 0).all()  # ascending, none twice

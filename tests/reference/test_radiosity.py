@@ -220,7 +220,7 @@ def test_area_lamp_by_tag() -> None:
     """The same lamp: total light alike; what receivers may see lacks the lamp's own exitance if it is the engine's."""
     found = {}
     for tag in ("engine", "input"):
-        surfaces_, light = pipeline_light(lamp_room(tag))
+        surfaces_, light = pipeline_light(lamp_room(tag), rays=8192)
         p, r = surfaces_.patches, light.radiosity
         own = (p.exitance if tag == "input" else p.engine_exitance)[:, 0] > 0
         found[tag] = (p, r, own)

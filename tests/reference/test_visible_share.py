@@ -55,10 +55,11 @@ def test_pairs_that_turn_away_have_no_share() -> None:
 @pytest.mark.parametrize("near", [False, True])
 def test_half_covered_by_symmetry(near: bool) -> None:
     """A half plane in the middle of the gap: rays from x to x' pass where x + x' > 1, one half of them."""
-    share, se = shares(*with_something_between(0.5), COPIES, 256, near)
-    assert abs(share.mean() - 0.5) < 4.0 * share.std(ddof=1) / np.sqrt(COPIES)
-    # Rays at random would spread by 0.031; these by 0.027, which 200 copies know to 5 %.
-    assert share.std() < 0.034 and se.mean() == pytest.approx(share.std(), rel=0.2)
+    copies = 10 * COPIES
+    share, se = shares(*with_something_between(0.5), copies, 256, near)
+    assert abs(share.mean() - 0.5) < 4.0 * share.std(ddof=1) / np.sqrt(copies)
+    # Rays at random would spread by 0.0312; these by 0.0200, near by 0.0287, which 2,000 copies know to 1.6 %.
+    assert share.std() < (0.0307 if near else 0.022) and se.mean() == pytest.approx(share.std(), rel=0.2)
 
 
 def case_cells(case: dict[str, Any]) -> tuple[Geometry, Array]:
@@ -87,15 +88,15 @@ def test_published_cases(published: dict[str, Any], name: str, near: bool) -> No
     assert 0.01 < exact < 0.99
     assert abs(share.mean() - exact) < 4.5 * share.std(ddof=1) / np.sqrt(COPIES) + 1e-6
     assert (np.abs(share - exact) <= T95 * se).mean() >= 0.95 - 5 * 0.0154
-    assert 0.75 < (se**2).mean() / share.var(ddof=1) < 1.33
+    assert 0.6 < (se**2).mean() / share.var(ddof=1) < 1.67  # 200 copies know a variance to a tenth, five of them
 
 
 def test_common_edges_have_no_heavy_tails(published: dict[str, Any]) -> None:
-    """A fin across the common edge of two squares. The largest of 200 errors is within 4 of their spread with directions; with points
+    """A fin across the common edge of two squares. The largest of 200 errors is within 5 of their spread with directions; with points
     by area alone the spread itself is twice as large and more."""
     g, cells = case_cells(published["occ_perp_common_edge_with_fin"])
     (by_area, _), (mixed, _) = (shares(g, cells, COPIES, 4096, near) for near in (False, True))
-    assert np.abs(mixed - mixed.mean()).max() < 4.0 * mixed.std()
+    assert np.abs(mixed - mixed.mean()).max() < 5.0 * mixed.std()
     assert by_area.std() > 1.5 * mixed.std()
 
 

@@ -139,8 +139,8 @@ def test_paired_eta_is_not_given_beyond_the_grids() -> None:
 
 
 def test_paired_eta_has_honest_intervals() -> None:
-    """What points do to both placements alike does not count, what lattices do does: 95 % of intervals hold η, and none is far too
-    wide."""
+    """What points do to both placements alike does not count, what lattices do does: nine in ten intervals of two standard errors
+    hold η, and those are what η scatters by."""
     rng = np.random.default_rng(5)
     held, widths, spread = [], [], []
     for _ in range(40):

@@ -4,7 +4,8 @@ Cells are looked at with the larger voxels that hold them, fine to coarse. Wheth
 whole edit says of each voxel (`served`), which costs a millisecond; so all cells can be tried, and at last each of the rest once more:
 an edit is *minimal* if every cell that it names, put down to the next larger voxel, lets a place leak that was dark with the whole
 edit. Four of a voxel's eight parts can do for all, as they have all its probes; and what holds a finer cell need not be named.
-The rest is baked and measured, at places that it was not chosen by too; where it leaks cells are put back.
+The rest is baked and measured, at places that it was not chosen by too; see `smallest` for what happens where it
+leaks.
 """
 
 from __future__ import annotations
