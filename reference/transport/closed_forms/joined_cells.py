@@ -7,6 +7,9 @@ more pairs blocked, and the walk through what stands in the way is shorter.
 from __future__ import annotations
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from ...datatypes import F64, I64, Bool
 from .planar_cells import FLAT, shared_edges, sound
@@ -45,7 +48,14 @@ def _numbered(cells: F64) -> tuple[F64, I64]:
     new = np.concatenate([[True], (np.diff(place[order], axis=0) != 0).any(axis=1)])
     number = np.empty(len(corners), dtype=np.int64)
     number[order] = np.cumsum(new) - 1
-    return corners[order[new]], number.reshape(-1, 4)
+    vertices = corners[order[new]]
+    near = cKDTree(vertices).query_pairs(SAME * extent, output_type="ndarray")  # the same, but rounded to either side
+    if len(near):
+        links = sparse.coo_array((np.ones(len(near)), near.T), shape=(len(vertices),) * 2)
+        _, group = connected_components(links, directed=False)
+        _, first = np.unique(group, return_index=True)
+        vertices, number = vertices[first], group.astype(np.int64)[number]
+    return vertices, number.reshape(-1, 4)
 
 
 def _joined_once(vertices: F64, quads: I64, across: bool) -> I64:
