@@ -77,12 +77,16 @@ def test_memory_of_a_child() -> None:
 
 
 def test_peak_is_seen_and_forgotten() -> None:
-    memory_child.forget_peak()
-    before = memory_child.resident("VmHWM")
-    held = np.ones(64 << 20, np.uint8)
-    assert memory_child.resident("VmHWM") - before > 60 << 20
-    del held
-    assert memory_child.resident("VmRSS") <= memory_child.resident("VmHWM")
+    """Three times, since the system may take other pages of the process away in the meantime."""
+    grown = []
+    for _ in range(3):
+        memory_child.forget_peak()
+        before = memory_child.resident("VmHWM")
+        held = np.ones(64 << 20, np.uint8)
+        grown.append(memory_child.resident("VmHWM") - before)
+        del held
+        assert memory_child.resident("VmRSS") <= memory_child.resident("VmHWM")
+    assert 60 << 20 < max(grown) < 100 << 20
 
 
 def test_a_child_that_fails_is_said() -> None:
