@@ -1,6 +1,8 @@
 # make setup: system libraries and .venv.  make report: the accuracy report.  make test: every check.
 # All three set up what is missing first; see .ci/setup, which exits 3 where it may not (make itself then exits 2).
 .PHONY: setup report test
+# Set-up compiles no module; what is imported is compiled once, not by every process anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 setup:
 	@bash .ci/setup
