@@ -52,7 +52,7 @@ patch_size = 0.03
 
 [truth]
 noise = 0.02
-points = 2000
+points = 1500
 """
 
 README = """
