@@ -37,8 +37,8 @@ from .probes import Culled, Probes, lifted, trace_probes, virtual_texture
 from .surfaces import Surfaces
 
 POINTS = 16000  # of the cameras, half as many on surfaces and in volumes: where probes are read
-JUDGED = 3000  # so many of them gather light by rays of their own for each of two judges
-RAYS = 256  # of such a point, twice
+JUDGED = 5000  # so many of them gather light by rays of their own for each of two judges
+RAYS = 128  # of such a point, twice: more points tell more of single patches than more rays of each
 PER_FAMILY = 16
 UNREAD = 0.03  # of the mean of those that are read: what a probe counts for that no point happened to read
 SEED = 7000
