@@ -28,6 +28,7 @@ def test_numbers_have_three_figures(value: float, shown: str) -> None:
         ({"value": 3e-7, "se": None}, "plain", ("3.00e-7", "")),
         ({"value": 0.0, "se": 0.0}, "plain", ("0", "")),
         ({"value": 1234.0, "se": 500.0}, "plain", ("1,234", "± 980")),
+        ({"value": 29.81, "se": 19.0, "interval": [7.2, 44.0]}, "times", ("29.8×", "7.20 to 44.0×")),
     ],
 )
 def test_the_interval_sets_the_places(metric: dict[str, float], kind: words.Kind, shown: tuple[str, str]) -> None:
@@ -41,6 +42,7 @@ def test_the_interval_sets_the_places(metric: dict[str, float], kind: words.Kind
 def test_a_metric_is_judged_with_its_interval(value: float, se: float, judged: str) -> None:
     assert words.judge({"value": value, "se": se}, 1.0) == judged
     assert words.judge({"value": value, "se": se}, None) == ""
+    assert words.judge({"value": 0.9, "se": 0.2, "interval": [0.8, 0.95]}, 1.0) == "good"
     assert words.judge({"value": value, "se": se, "below_noise": True}, 1.0) == "unsure"
 
 

@@ -108,6 +108,9 @@ def test_eta_loses_what_a_larger_error_would_save_a_grid() -> None:
     worse = 0.2 + np.hypot(0.01, 0.03)
     assert eta(noisy, KEY, "probes", 5.0, Measured(0.2, 0.01, 100)).se == pytest.approx((0.2**-3 - worse**-3) / 5.0)
     assert found.bound == ""
+    assert found.interval == pytest.approx((0.2196**-3 / 5.0, 0.1804**-3 / 5.0))
+    blurred = eta(curve, KEY, "probes", 5.0, Measured(0.2, 0.06, 100))
+    assert blurred.interval == pytest.approx((0.3176**-3 / 5.0, 640.0 / 5.0))
 
 
 def noisy_grids(rng: np.random.Generator, placements: int, common: F64) -> tuple[F64, list[float], list[F64]]:

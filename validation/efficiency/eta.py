@@ -14,14 +14,18 @@ from dataclasses import dataclass
 from ..metrics.error import Measured
 from .curve import Cost, GridRow, Key, cost_at
 
+Z95 = 1.96
+
 
 @dataclass(frozen=True)
 class Eta:
-    """value ± se; bound: "at least" or "at most" where the curve ends before the error is met."""
+    """value ± se; bound: "at least" or "at most" where the curve ends before the error is met. interval: 95 %, read off the curve where
+    the error is Z95 standard errors larger and smaller; each end no farther than the curve goes."""
 
     value: float
     se: float
     bound: str
+    interval: tuple[float, float]
 
 
 def own_cost(cost: Mapping[str, float]) -> dict[Cost, float]:
@@ -39,7 +43,9 @@ def eta(curve: Sequence[GridRow], key: Key, cost: Cost, own: float, reached: Mea
     """η at the error `reached` for `own` cost. se: what it loses where the error is one standard error larger (near the floor
     the curve is flat, and a smaller error would cost a grid without bound): that of the points, and that of the grid nearest in
     error, whose shifts differ, in quadrature."""
-    found = cost_at(curve, key, cost, reached.value)
     near = min(curve, key=lambda row: abs(row.error[key] - reached.value))
-    worse = cost_at(curve, key, cost, reached.value + math.hypot(reached.se, near.se[key]))
-    return Eta(found.cost / own, (found.cost - worse.cost) / own, found.bound)
+    spread = math.hypot(reached.se, near.se[key])
+    found, worse, low, high = (
+        cost_at(curve, key, cost, reached.value + sigmas * spread) for sigmas in (0.0, 1.0, Z95, -Z95)
+    )
+    return Eta(found.cost / own, (found.cost - worse.cost) / own, found.bound, (low.cost / own, high.cost / own))

@@ -67,7 +67,8 @@ def efficiency(
     metrics = {}
     for name, (key, cost) in wanted.items():
         found = eta(curve, key, cost, own[cost], errors[key])
-        metrics[name] = metric(found.value, found.se, errors[key].n, **({"bound": found.bound} if found.bound else {}))
+        bound = {"bound": found.bound} if found.bound else {}
+        metrics[name] = metric(found.value, found.se, errors[key].n, interval=list(found.interval), **bound)
     alone: Key = (first.name, "placement")
     slower = eta(curve, alone, "entries", own["entries"], errors[alone]).value
     found_all = {name: m for name, m in metrics.items() if m is not None}

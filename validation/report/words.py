@@ -78,13 +78,16 @@ def interval(value: float, half: float) -> tuple[str, str]:
 
 
 def written(metric: Mapping[str, Any], kind: Kind, unit: str = "") -> tuple[str, str]:
-    """(value with its unit, `± half width` of the 95 % interval or an empty string)."""
+    """(value with its unit; its 95 % interval, `± half width` or, where it is not symmetric, `low to high`, or an empty string)."""
     scale = 100.0 if kind in ("percent", "signed") else 1.0
     sign = f"{TIED}%" if scale > 1.0 else "\u00d7" if kind == "times" else f" {unit}" if unit else ""
     shown, half = interval(scale * float(metric["value"]), scale * Z95 * float(metric.get("se") or 0.0))
+    spread = f"±{TIED}{half}{sign}" if half else ""
+    if ends := metric.get("interval"):
+        shown = number(scale * float(metric["value"]))
+        spread = " to ".join(number(scale * float(end)) for end in ends) + sign
     shown = f"+{shown}" if kind == "signed" and metric["value"] > 0 else shown
-    shown = BOUNDS.get(str(metric.get("bound", "")), "") + shown
-    return shown + sign, f"±{TIED}{half}{sign}" if half else ""
+    return BOUNDS.get(str(metric.get("bound", "")), "") + shown + sign, spread
 
 
 def judge(metric: Mapping[str, Any], limit: float | None) -> Judgement:
@@ -94,7 +97,8 @@ def judge(metric: Mapping[str, Any], limit: float | None) -> Judgement:
     if metric.get("below_noise"):
         return "unsure"
     value, half = abs(float(metric["value"])), Z95 * float(metric.get("se") or 0.0)
-    return "good" if value + half <= limit else "over" if value - half > limit else "unsure"
+    low, high = metric.get("interval") or (value - half, value + half)
+    return "good" if high <= limit else "over" if low > limit else "unsure"
 
 
 def amount(key: str, value: object) -> str:
