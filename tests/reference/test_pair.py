@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from chance import standard_errors
 from lightgauge.reference.transport.closed_forms import pair
 from lightgauge.reference.transport.closed_forms.contour import polygon_form_factor
 from lightgauge.reference.transport.closed_forms.pair import LEAST_RAYS, PairFormFactor, mesh_form_factor
@@ -168,10 +169,9 @@ def covered(values: np.ndarray, truth: float) -> float:
 
 @pytest.mark.parametrize("near", [False, True], ids=["apart", "common edge"])
 def test_intervals_of_shadow_rays_cover(near: bool) -> None:
-    """95 % intervals over 200 seeds hold the truth in 92 to 98 % of them.
+    """95 % intervals over a thousand seeds hold the truth in 92 to 98 % of them.
 
-    Were they right to the letter, 200 draws would leave that range in 5 % of all choices of seeds (binomial), and the
-    mean would be off by more than four of its standard errors in 6e-5; the seeds are 0 to 199, not chosen.
+    Of 200 right ones so many would do so for 19 choices of seeds in 20 (binomial), of a thousand for all but one in 50,000.
     """
     truth, ends = OPEN / 2, [quads(FLOOR), quads(CEILING), quads(HALF)]
     if near:  # a fin in the corner of floor and wall parts the common edge: either side of it sees only itself
@@ -183,18 +183,18 @@ def test_intervals_of_shadow_rays_cover(near: bool) -> None:
     cells = [cells_of(m.vertices, m.faces) for m in ends]
     blockers = build_blockers(np.concatenate(cells))
     parts = exchange(cells[0], cells[1], blockers, LEAST_RAYS)
-    found = [visible_exchange(blockers, parts, 4 * LEAST_RAYS, seed) for seed in range(200)]
+    found = [visible_exchange(blockers, parts, 4 * LEAST_RAYS, seed) for seed in range(1000)]
     values = np.array([(parts.known + f.value, f.se) for f in found])
     assert 0.92 <= covered(values, truth) <= 0.98
-    assert abs(values[:, 0].mean() - truth) <= 4.0 * values[:, 0].std(ddof=1) / math.sqrt(200)
+    assert abs(values[:, 0].mean() - truth) <= standard_errors(1000) * values[:, 0].std(ddof=1) / math.sqrt(1000)
 
 
 def test_intervals_of_cosine_rays_cover() -> None:
     """As above."""
     geometry = pair.geometry_of([quads(FLOOR), quads(CEILING), quads(HALF)])
-    values = np.array([(f.value, f.se) for f in (hit_share(geometry, 0, 1, 4 * LEAST_RAYS, s) for s in range(200))])
+    values = np.array([(f.value, f.se) for f in (hit_share(geometry, 0, 1, 4 * LEAST_RAYS, s) for s in range(1000))])
     assert 0.92 <= covered(values, OPEN / 2) <= 0.98
-    assert abs(values[:, 0].mean() - OPEN / 2) <= 4.0 * values[:, 0].std(ddof=1) / math.sqrt(200)
+    assert abs(values[:, 0].mean() - OPEN / 2) <= standard_errors(1000) * values[:, 0].std(ddof=1) / math.sqrt(1000)
 
 
 def test_bad_values_are_refused() -> None:

@@ -96,7 +96,7 @@ def test_occluded_polygons(name: str, published: dict[str, Case]) -> None:
     error = abs(found.value - case["F12"])
     assert error <= 1e-4
     assert error <= 4.0 * found.se + case["tolerance"]
-    assert found.se <= 2e-5
+    assert found.se <= 2.5e-5  # so that an error of 1e-4 shows
 
 
 @some(lambda c: is_curved(c) and not occluded(c))
