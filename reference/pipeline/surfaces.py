@@ -11,13 +11,13 @@ from ..clock import Clock
 from ..datatypes import F64, Scene
 from ..errors import InputError
 from ..progress import Progress, silent
-from ..transport.adaptive import LEAST, Allocation, allocate, guess_light, trace_pilot
+from ..transport.adaptive import LEAST, Allocation, Pilot, allocate, guess_light, raised, trace_pilot
 from ..transport.direct import punctual_irradiance, punctual_lights
 from ..transport.form_factors import FormFactors, form_factors, patch_form_factors, point_form_factors
 from ..transport.gather import DeviceRows, gather, upload
 from ..transport.hybrid import few_cells, hybrid_form_factors
 from ..transport.lumels import Lumels, build_lumels, lumel_receivers
-from ..transport.patch_light import direct_on_patches
+from ..transport.patch_light import direct_on_patches, near_lamp
 from ..transport.patches import Patches, auto_patch_size, build_patches
 from ..transport.radiosity import Radiosity, solve
 from ..transport.receivers import Receivers, patch_receivers, texel_receivers
@@ -64,7 +64,7 @@ def bake_surfaces(scene: Scene, seed: int, progress: Progress = silent) -> Surfa
     clock.lap("patches")
     pilot = trace_pilot(geometry, patches, patch_receivers(geometry, patches), seed)
     guess = guess_light(scene, patches, pilot, _pilot_direct(scene, geometry, patches, seed))
-    allocation = allocate(pilot, guess, patches.area, settings.noise, settings.rays)
+    allocation = _patch_rays(scene, patches, pilot, guess)
     clock.lap("pilot")
     exact = settings.noise < CLOSED_FORMS_BELOW
     try:
@@ -80,6 +80,19 @@ def bake_surfaces(scene: Scene, seed: int, progress: Progress = silent) -> Surfa
     rows = upload(laws.rows)
     method = "closed forms and rays" if exact else "rays"
     return Surfaces(geometry, patches, size, laws.rows, laws, rows, guess, allocation, method, clock.seconds)
+
+
+def _patch_rays(scene: Scene, patches: Patches, pilot: Pilot, guess: F64) -> Allocation:
+    """Rays of the patches. Engine lamps are not in the light that others gather, but in that of patches near them."""
+    s = scene.settings.radiosity
+    found = allocate(pilot, guess, patches.area, s.noise, s.rays)
+    for lamp in np.unique(patches.emitter[patches.engine_exitance.any(axis=1)]):
+        near = near_lamp(patches, pilot, lamp)
+        if near.any():
+            seen = guess.copy()
+            seen[: patches.count] += np.where(patches.emitter == lamp, patches.engine_exitance.mean(axis=1), 0.0)
+            found = raised(found, allocate(pilot, seen, patches.area, s.noise, s.rays), near)
+    return found
 
 
 def _patches(scene: Scene, g: Geometry, size: float, seed: int) -> Patches:

@@ -11,13 +11,14 @@ the spread of one is set against the mean of the other, and what the allocation 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 
-from ..datatypes import F32, F64, I64, U32, Scene
+from ..datatypes import F32, F64, I64, U32, Bool, Scene
 from ..sky import SKY_BINS, bin_radiance, split_peaks
 from ..visibility import Geometry
 from .accumulate import launch_batch
@@ -138,6 +139,12 @@ def allocate(pilot: Pilot, light: F64, weights: F64, noise: float, most: int, le
     judged = float(share @ (halves[1] / by_half[0] + halves[0] / by_half[1]))
     uniform = float(share @ (halves[0] + halves[1])) / judged if judged > 0.0 else float(least)
     return Allocation(rays, int(rays.sum()) + PILOT * count, round(uniform * count), float(np.sqrt(reached)))
+
+
+def raised(a: Allocation, b: Allocation, where: Bool) -> Allocation:
+    """`a`, but with the rays of `b` where those are more, at receivers `where` (R,)."""
+    rays = np.where(where, np.maximum(a.rays, b.rays), a.rays)
+    return dataclasses.replace(a, rays=rays, spent=a.spent + int((rays - a.rays).sum()))
 
 
 def _drawn(per_ray: F64, share: F64, dof: float) -> F64:

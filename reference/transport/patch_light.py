@@ -7,19 +7,22 @@ that moves costs its own shadow rays and no others.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from ..config import Punctual
-from ..datatypes import F64, Scene, Sky
+from ..datatypes import F64, Bool, Scene, Sky
 from ..directions import rotate, rotations, sobol
 from ..progress import Progress
 from ..sky import SKY_BINS, split_peaks
 from ..visibility import Geometry
+from .adaptive import Pilot, trace_pilot
 from .direct import colour_of, lamp_response, peak_irradiance, punctual_lights, punctual_response
 from .gather import DeviceRows, gather
 from .patches import Patches, surface_samples
+from .receivers import patch_receivers
 
 NEAR = 0.1  # share of a patch's hemisphere
 POINTS_PER_BATCH = 1 << 20
@@ -31,12 +34,12 @@ class DirectLight:
     """Mean irradiance (P, 3), W·m⁻², of every patch from point, spot and directional lights, area lights tagged `engine` and
     the peaks of an image sky. Call it with a scene; `shadow_rays` counts what was traced so far.
 
-    samples: points per patch. rows: patch form factors. With them, patches whose hemisphere holds more than NEAR of a lamp
-    take its light through them: there area sampling is heavy-tailed (failure-catalogue A5), and cosine rays are good.
+    samples: points per patch. rows: patch form factors. With them, patches `near_lamp` take its light through them: there area
+    sampling is heavy-tailed (failure-catalogue A5), and cosine rays are good.
     """
 
     def __init__(self, g: Geometry, p: Patches, samples: int, seed: int, rows: DeviceRows | None = None) -> None:
-        self._g, self._p, self._rows, self._samples = g, p, rows, samples
+        self._g, self._p, self._rows, self._samples, self._seed = g, p, rows, samples, seed
         self._table, self._offsets = sobol(samples, 6, seed + 1), rotations(p.count, 6, seed + 1)
         self._kept: dict[Hashable, F64] = {}
         self._total, self._scaled = np.empty((p.count, 3)), np.empty((p.count, 3))
@@ -105,7 +108,19 @@ class DirectLight:
         light = np.zeros((self._p.count + SKY_BINS + 1, 3))
         light[: self._p.count][self._p.emitter == lamp] = 1.0
         share = gather(self._rows, light)[:, 0, :1].astype(np.float64)
-        return np.where(share > NEAR, np.pi * share, response)
+        return np.where(near_lamp(self._p, self._pilot, lamp)[:, None], np.pi * share, response)
+
+    @cached_property
+    def _pilot(self) -> Pilot:
+        """The pilot of the rows, when they are of the same seed."""
+        return trace_pilot(self._g, self._p, patch_receivers(self._g, self._p), self._seed)
+
+
+def near_lamp(p: Patches, pilot: Pilot, lamp: int) -> Bool:
+    """Patches (P,) whose hemisphere holds more than NEAR of mesh `lamp`, as rays say that the light itself is not gathered by: rows
+    that chose themselves would do so where they happen to read too much."""
+    on_lamp = np.concatenate([p.emitter == lamp, np.zeros(SKY_BINS + 1, dtype=np.bool_)])
+    return np.asarray(on_lamp[pilot.columns].mean(axis=1) > NEAR)
 
 
 def direct_on_patches(

@@ -15,10 +15,12 @@ from lightgauge.reference.pipeline import bake_surfaces, light_patches
 from lightgauge.reference.progress import silent
 from lightgauge.reference.sky import sky_radiance, split_peaks
 from lightgauge.reference.transport import patch_light
+from lightgauge.reference.transport.adaptive import allocate, trace_pilot
 from lightgauge.reference.transport.form_factors import patch_form_factors
 from lightgauge.reference.transport.gather import upload
-from lightgauge.reference.transport.patch_light import DirectLight, direct_on_patches
+from lightgauge.reference.transport.patch_light import DirectLight, direct_on_patches, near_lamp
 from lightgauge.reference.transport.patches import Patches
+from lightgauge.reference.transport.receivers import patch_receivers
 from lightgauge.reference.visibility import Geometry
 from small_scenes import box, material, quad, scene, surfaces
 
@@ -120,6 +122,50 @@ def test_patches_near_a_lamp_take_its_light_through_their_form_factors() -> None
         np.testing.assert_array_equal(with_rows[others], without[others])
     sampled, gathered = np.sqrt((np.array(errors) ** 2).mean(axis=0))
     assert gathered < 5e-3 and sampled > 0.1, (gathered, sampled)
+
+
+def room_with_a_lamp() -> Scene:
+    """A cube, and in it a lamp of the engine's under the ceiling, half of it 5 cm above a shelf."""
+    lamp = quad([[0.3, 0.9, 0.3], [0.7, 0.9, 0.3], [0.7, 0.9, 0.7], [0.3, 0.9, 0.7]], emission=1.0, engine=True)
+    shelf = quad([[0.3, 0.85, 0.3], [0.3, 0.85, 0.7], [0.5, 0.85, 0.7], [0.5, 0.85, 0.3]])
+    return scene([box((0, 0, 0), (1, 1, 1)), shelf, lamp])
+
+
+def test_rows_that_read_too_much_do_not_choose_themselves() -> None:
+    """Who is near is for the pilot's rays to say: rows of few rays that found the lamp three times too often are those that would be
+    taken for near ones."""
+    s = room_with_a_lamp()
+    g, p = surfaces(s, 0.25)
+    rows = patch_form_factors(g, p, 4096, 1, silent)
+    lit = direct_on_patches(s, g, p, 64, 1, silent, upload(rows))
+    tripled = direct_on_patches(s, g, p, 64, 1, silent, upload(dataclasses.replace(rows, values=3 * rows.values)))
+    true = rows.matrix(0)[:, : p.count] @ (p.emitter == 2)
+    near = near_lamp(p, trace_pilot(g, p, patch_receivers(g, p), 1), 2)
+    misled = (3.0 * true > patch_light.NEAR) & ~near
+    assert misled.any() and near[true > 0.5].all() and (true > 0.5).any()
+    np.testing.assert_array_equal(tripled[~near], lit[~near])
+    np.testing.assert_allclose(tripled[near], 3.0 * lit[near], rtol=1e-6)
+
+
+def test_patches_near_an_engine_lamp_get_rays_for_its_light() -> None:
+    """Nobody else gathers it, so the light that rays are shared out by does not hold it: 0.7 of the shelf's hemisphere."""
+    s = room_with_a_lamp()
+    settings = s.settings.model_dump() | {"radiosity": {"patch_size": 0.25, "rays": 16384, "noise": 0.01}}
+    made = dataclasses.replace(s, settings=SceneSettings.model_validate(settings))
+    found = bake_surfaces(made, 1)
+    p, pilot = (
+        found.patches,
+        trace_pilot(found.geometry, found.patches, patch_receivers(found.geometry, found.patches), 1),
+    )
+    near = near_lamp(p, pilot, 2)
+    shelf = np.isclose(p.centroid[:, 1], 0.85) & (p.normal[:, 1] > 0.0)
+    assert shelf.any() and near[shelf].all() and not near.all()
+    plain = allocate(pilot, found.guess, p.area, 0.01, 16384)
+    assert (found.allocation.rays[shelf] >= 4 * plain.rays[shelf]).all(), (
+        found.allocation.rays[shelf],
+        plain.rays[shelf],
+    )
+    np.testing.assert_array_equal(found.allocation.rays[~near], plain.rays[~near])
 
 
 # Suns in image skies
