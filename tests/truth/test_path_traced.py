@@ -110,8 +110,8 @@ def test_l1_of_a_constant_field_is_the_irradiance() -> None:
     )
     e = traced(s, points)
     assert e.l1 is not None
-    np.testing.assert_allclose(e.mean.mean(), math.pi / (1 - RHO), rtol=0.002)
-    assert e.l1.mean() == pytest.approx(math.pi / (1 - RHO), rel=0.014)  # over 24 seeds it spreads by 0.0026
+    np.testing.assert_allclose(e.mean.mean(), math.pi / (1 - RHO), rtol=0.005)  # over 30 seeds it spreads by 0.00095
+    assert e.l1.mean() == pytest.approx(math.pi / (1 - RHO), rel=0.014)  # by 0.0026
     per_point = e.l1.mean(axis=0)
     se = e.l1.std(axis=0, ddof=1) / math.sqrt(BATCHES)
     assert (np.abs(per_point - math.pi / (1 - RHO)) < 8 * se + 0.01).all()

@@ -61,14 +61,14 @@ def test_per_batch_values_are_split_like_the_reference() -> None:
 
 @pytest.mark.parametrize("noise, error", [(0.05, 0.1), (0.3, 0.1), (0.5, 0.2)])
 def test_intervals_of_the_error_cover(noise: float, error: float) -> None:
-    """±1.96 se around relRMSE holds the population's value (points are drawn anew each time) in 90 to 99 % of 200 seeds.
-    A true coverage of 95 % falls outside with a chance under 0.5 %."""
+    """±1.96 se around relRMSE holds the population's value (points are drawn anew each time) in 86 to 99 % of 200 seeds. It does so
+    in 93.2 % of 3,000, as 20 blocks let it; of such a coverage 200 seeds leave the range once in 10,000 times."""
     mean, hits = 1.5, 0
     for seed in range(200):
         ours, batches, _ = made(seed, noise, error)
         found = measure_rel_rmse(ours, batches)
         hits += abs(found.value - error / mean) < 1.96 * found.se
-    assert 180 <= hits <= 198, f"{hits / 2} % covered"
+    assert 172 <= hits <= 198, f"{hits / 2} % covered"
 
 
 def test_intervals_of_the_bias_cover() -> None:
