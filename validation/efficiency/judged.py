@@ -31,9 +31,9 @@ class Judge:
     batches: Mapping[Kind, F64]
 
     def blocks(self, ours: F64, kind: Kind) -> F64:
-        """Mean square error of `ours` (N, 3) in each block of points (B,), relative to the squared mean of the whole reference. The
-        blocks
-        are always the same and equally large: their mean is that of all points, and two placements can be compared block by block."""
+        """Mean square error of `ours` (N, 3) in each block of points (B,), relative to the squared mean of the whole reference.
+        Blocks are always the same and equally large: their mean is that of all points, and two placements can be compared block
+        by block."""
         reference = self.batches[kind]
         block = mixed_blocks(reference.shape[1])
         mine = ours[self.mask]
