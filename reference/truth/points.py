@@ -87,7 +87,7 @@ def view(scene: Scene, g: Geometry, name: str, xy: npt.NDArray[np.floating]) -> 
         raise InputError(
             f"scene '{scene.name}', cameras.{name}: sees no surface; aim cameras.{name}.target at the scene"
         )
-    uv = np.stack([np.array(hits.u), np.array(hits.v)], axis=1).astype(np.float64)[found]
+    uv = np.stack([np.array(hits.u)[found], np.array(hits.v)[found]], axis=1).astype(np.float64)
     points = _on_triangles(g, triangle[found], uv, front[found])
     return CameraView(camera, found, points, np.array(hits.t, dtype=np.float64), triangle[found].astype(np.int32), uv)
 
