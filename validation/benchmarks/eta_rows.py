@@ -91,7 +91,8 @@ def _row(name: str, curve: list[GridRow], ours: Reached, key: Key, cost: Cost) -
             ours.cost[cost], ours.blocks[key], [r.cost[cost] for r in curve], [r.blocks[key] for r in curve]
         )
     if paired is None:
-        return Row(name, found.value, "x", TARGETS.get(name), "higher", found.se, placements, note)
+        ends = "{:.3g} to {:.3g} at 95 %; ".format(*found.interval)
+        return Row(name, found.value, "x", TARGETS.get(name), "higher", found.se, placements, ends + note)
     low, high = paired.interval
     said = (
         f"{low:.2f} to {high:.2f} at two standard errors of log η: {paired.points:.3f} by points, {paired.ours:.3f} by our "
