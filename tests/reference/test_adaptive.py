@@ -214,7 +214,8 @@ def test_gathered_light_and_its_variance() -> None:
 
 
 def test_variance_of_probes_is_that_of_irradiance_over_all_normals() -> None:
-    """SH of each replicate, irradiance for 2,000 random normals, spread over replicates, mean over normals: within 3 %."""
+    """SH of each replicate, irradiance for 2,000 random normals, spread over replicates, mean over normals, which are few enough
+    to spread it by 1 %: within 5.5 %."""
     pilot, light = random_pilot(3, 9, 2, True)
     assert pilot.directions is not None
     mean, variance = gathered(pilot, light)
@@ -228,7 +229,7 @@ def test_variance_of_probes_is_that_of_irradiance_over_all_normals() -> None:
         e = np.stack([irradiance(np.repeat(sh[r, k, :, None], 3, axis=1)[None].repeat(2000, 0), normals)[:, 0]
                       for k in range(REPLICATES)])  # fmt: skip
         assert e.mean() == pytest.approx(mean[r], rel=0.03)
-        assert (e.var(axis=0, ddof=1) / REPLICATES).mean() == pytest.approx(variance[r], rel=0.03)
+        assert (e.var(axis=0, ddof=1) / REPLICATES).mean() == pytest.approx(variance[r], rel=0.055)
 
 
 @pytest.mark.parametrize("most", [64, 500, 4096])

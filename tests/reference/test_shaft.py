@@ -152,7 +152,7 @@ def test_segments(seed: int) -> None:
     active = mi.Bool(np.arange(2000) % 7 != 0)
     found = np.array(blocked(blockers.scene, *vectors, mi.Float64(blockers.tolerance), active))
     truth = hit(ends[0], ends[1] - ends[0], corners) & (np.arange(2000) % 7 != 0)
-    assert np.array_equal(found, truth) and 0.02 < truth.mean() < 0.98
+    assert np.array_equal(found, truth) and 0 < truth.sum() < len(truth)
 
 
 def test_pairs_alone_read_the_same(shared_truth: Path) -> None:

@@ -97,7 +97,7 @@ def test_rays_alone_reach_their_own_floor(truth: Truth) -> None:
         raw = patch_form_factors(truth.g, truth.p, BUDGET, seed, silent)
         of_sums.append(rms(dense(truth, raw) @ lamp - exact))
         rows = reconcile(raw, truth.p.area).rows
-        assert rms(dense(truth, rows) - truth.f) < 5.7e-4
+        assert rms(dense(truth, rows) - truth.f) < 5.9e-4
         for rho in RHO:
             errors[rho].append(indirect_error(truth, rows, rho)[0])
     for rho, limit in ((0.5, 5.8e-3), (0.9, 1.3e-3), (0.99, 2e-4)):
