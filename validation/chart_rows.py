@@ -24,10 +24,10 @@ Sampled = Callable[[F64, F64, I32], F32]
 
 @dataclass(frozen=True, eq=False)
 class Shade:
-    """Points of the scene's surfaces, some of them in the dark by construction: reference (N, 3), dark (N,)."""
+    """Points of the scene's surfaces, some of them in the dark by construction: batches (B, N, 3) of the reference, dark (N,)."""
 
     points: Points
-    reference: F64
+    batches: F64
     dark: Bool
 
 
@@ -68,8 +68,8 @@ def find_shade(scene: Scene, truth: GroundTruth) -> Shade | None:
         np.concatenate([p.mesh for p in parts]),
     )
     dark = in_boxes(points.positions, boxes)
-    reference = np.concatenate([truth.estimates[n].mean for n in names])
-    return Shade(points, reference, dark) if dark.any() and not dark.all() else None
+    batches = np.concatenate([truth.estimates[n].irradiance for n in names], axis=1)
+    return Shade(points, batches, dark) if dark.any() and not dark.all() else None
 
 
 def measured_row(baked: Baked, target: Target, way: Way) -> dict[str, Any]:
@@ -90,7 +90,7 @@ def measured_row(baked: Baked, target: Target, way: Way) -> dict[str, Any]:
         "remark": way.remark,
     }
     if target.shade is not None:
-        found = measure_leak(at(target.shade.points), target.shade.reference, target.shade.dark)
+        found = measure_leak(at(target.shade.points), target.shade.batches, target.shade.dark)
         row |= {"leak": _value(found["leak"]), "overdark": _value(found["overdark"])}
     return row
 

@@ -27,7 +27,7 @@ from .culling.realised import culled_metrics
 from .ground_truth import GroundTruth
 from .leaks.measured import leak_metrics
 from .metrics.dead_voxels import Kernel, measure_dead_voxels
-from .metrics.error import Measured, measure_error, worst_points
+from .metrics.error import Measured, measure_error, reference_noise, worst_points
 from .metrics.exact import exact_biases
 from .record import metric
 from .seam_findings import seam_findings
@@ -115,9 +115,8 @@ def _errors(metrics: dict[str, Any], notes: list[str], truth: GroundTruth, sampl
         _add(metrics, {"floor_l1": floor}, s)
         if not (floor.below_noise or found["relrmse"].below_noise):
             _add(metrics, {"relrmse_over_floor": _ratio(found["relrmse"], floor)}, s)
-        n = e.irradiance.shape[1]
-        _add(metrics, {"reference_noise": Measured(e.noise, e.noise / np.sqrt(2 * n * 3 * 7), n)}, s)
-        lost = float((sampled[name].level == 0).mean())
+        _add(metrics, {"reference_noise": reference_noise(e.irradiance)}, s)
+        n, lost = e.irradiance.shape[1], float((sampled[name].level == 0).mean())
         _add(metrics, {"unlit_share": Measured(lost, np.sqrt(lost * (1 - lost) / n), n)}, s)
 
 

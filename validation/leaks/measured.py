@@ -33,8 +33,9 @@ def leak_metrics(baked: Baked, truth: GroundTruth, sampled: Mapping[PointSet, Sa
     boxes, names = dark_boxes(baked.scene), [n for n in SETS if n in truth.points]
     where = np.concatenate([truth.points[n].positions for n in names])
     ours = np.concatenate([sampled[n].irradiance.astype(np.float64) for n in names])
-    reference = np.concatenate([truth.estimates[n].mean for n in names])
-    found = measure_leak(ours, reference, in_boxes(where, boxes))
+    batches = np.concatenate([truth.estimates[n].irradiance for n in names], axis=1)
+    reference = batches.mean(axis=0)
+    found = measure_leak(ours, batches, in_boxes(where, boxes))
     lifted = np.concatenate([_off_surface(truth, n) for n in names])
     band = near_the_dark(truth.geometry, lifted, boxes, baked.probes.octree.grid.wanted)
     error = measure_band(ours, reference, band)

@@ -103,6 +103,18 @@ def measure_error(ours: F64, batches: F64) -> dict[str, Measured]:
     }
 
 
+def reference_noise(batches: F64) -> Measured:
+    """RMS standard error of the reference's own mean over its mean, from `batches` (B, N, 3). Noise is uneven, a few points hold much
+    of it: the standard error is from blocks of points."""
+
+    def noise(values: F64) -> float:
+        return math.sqrt(float(values.var(axis=0, ddof=1).mean()) / len(values)) / float(values.mean())
+
+    n = batches.shape[1]
+    se = jackknife_se(lambda keep: noise(batches[:, keep]), mixed_blocks(n))
+    return Measured(noise(batches), float(se), n)
+
+
 def measure_rel_rmse(ours: F64, batches: F64) -> Measured:
     """relrmse alone, shapes as for `measure_error`, which checks them."""
     mse, mse_se = cross_half_mse(ours, batches), jackknife(cross_half_mse, ours, batches)

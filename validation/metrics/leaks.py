@@ -6,6 +6,10 @@
 
 Always together, so that "black everywhere" does not win (failure-catalogue, Metrics, Leak). The band is what of the lit set lies
 within one voxel of a wall to the dark: there light that leaked is missing.
+
+Overdark is a mean of what was cut off at 0, to which the reference's noise would add. So one half of the reference says whether
+light is missing, the other how much: right light then reads 0 in the mean, whatever the noise. Points with under 1 % of the lit mean,
+where the relative loss is noise over noise, do not count.
 """
 
 from __future__ import annotations
@@ -20,22 +24,21 @@ from ...reference.turned import TurnedBox
 from .error import Measured
 
 
-def measure_leak(ours: F64, reference: F64, dark: np.ndarray) -> dict[str, Measured]:
+def measure_leak(ours: F64, batches: F64, dark: np.ndarray) -> dict[str, Measured]:
     """leak, leak_worst, leak_area (share of dark points above 1e-3 of the lit mean), overdark.
 
-    ours, reference (N, 3); dark (N,) bool. Raises ValueError if a set is empty or the dark set is not dark.
+    ours (N, 3); batches (B, N, 3) of the reference; dark (N,) bool. Raises ValueError if a set is empty or the dark set is not dark.
     """
+    reference = batches.mean(axis=0)
     if not dark.any() or dark.all():
         raise ValueError(f"leak needs dark and lit points, got {int(dark.sum())} dark of {len(dark)}")
     if reference[dark].any():
         raise ValueError(
             f"the reference is not 0 in the dark set (worst {reference[dark].max():g}): the scene leaks itself"
         )
-    lit_reference, lit_ours = reference[~dark].mean(axis=1), ours[~dark].mean(axis=1)
-    lit_mean = float(lit_reference.mean())
+    lit_mean = float(reference[~dark].mean())
     share = np.abs(ours[dark]).mean(axis=1) / lit_mean
-    bright = lit_reference > 0.01 * lit_mean
-    lost = np.maximum(lit_reference - lit_ours, 0.0)[bright] / lit_reference[bright]
+    lost = _lost(ours[~dark].mean(axis=1), batches[:, ~dark].mean(axis=2), 0.01 * lit_mean)
 
     def mean(values: F64) -> Measured:
         return Measured(float(values.mean()), float(values.std() / math.sqrt(len(values))), len(values))
@@ -46,6 +49,17 @@ def measure_leak(ours: F64, reference: F64, dark: np.ndarray) -> dict[str, Measu
         "leak_area": mean((share > 1e-3).astype(np.float64)),
         "overdark": mean(lost),
     }
+
+
+def _lost(ours: F64, batches: F64, least: float) -> F64:
+    """max(R - ours, 0) / R of points brighter than `least`; ours (N,), batches (B, N). Single values may be under 0, see above."""
+    bright = batches.mean(axis=0) > least
+    mine, one, two = ours[bright], batches[0::2, bright].mean(axis=0), batches[1::2, bright].mean(axis=0)
+
+    def by(judge: F64, other: F64) -> F64:
+        return np.asarray((judge > mine) * (other - mine) / np.maximum(judge, least))
+
+    return 0.5 * (by(one, two) + by(two, one))
 
 
 def measure_band(ours: F64, reference: F64, band: np.ndarray) -> Measured | None:
