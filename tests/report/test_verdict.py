@@ -67,3 +67,12 @@ def test_a_kernel_that_deviates_and_points_without_light_are_said(scene: Make) -
     assert warnings(made) == []
     made["metrics"] |= {"kernel_deviation": metric(2e-5, 0.0, 9), "unlit_share_volume": metric(0.1, 0.01, 900)}
     assert {w.words for w in warnings(made)} == {"kernel deviates", "unlit points"}
+
+
+def test_levels_of_detail_do_not_hide_behind_the_finest(scene: Make) -> None:
+    made = scene("a", 0.1, 0.1)
+    made["metrics"]["relrmse_lod"] = metric(0.12, 0.001, 900)
+    assert warnings(made) == []
+    made["metrics"]["relrmse_lod"] = metric(0.8, 0.01, 900)
+    (said,) = warnings(made)
+    assert said.words == "worse at its levels of detail" and "80" in said.why

@@ -10,7 +10,7 @@ from .words import SUFFIXES, Z95, percent
 
 Tone = Literal["good", "fair", "bad", "mute"]
 RANK: dict[Tone, int] = {"good": 0, "mute": 1, "fair": 2, "bad": 3}
-AT_FLOOR, NEAR_FLOOR, SMALL, LEAKS, SEAM, HIDDEN = 1.25, 1.5, 0.02, 1e-3, 1e-2, 2.0
+AT_FLOOR, NEAR_FLOOR, SMALL, LEAKS, SEAM, HIDDEN, FARTHER = 1.25, 1.5, 0.02, 1e-3, 1e-2, 2.0, 1.25
 CAMERA = "relrmse_camera_"
 PATCHES, KERNEL, UNLIT = 0.7, 1e-5, 1e-3
 
@@ -75,6 +75,10 @@ def warnings(scene: Mapping[str, Any]) -> list[Verdict]:
         if name.startswith(CAMERA) and seen > 0.0 and _low(metrics, name) > HIDDEN * seen:
             camera = name.removeprefix(CAMERA)
             found.append(Verdict(f"worse from {camera}", "fair", "Over twice the error of all cameras together."))
+    if seen > 0.0 and _low(metrics, "relrmse_lod") > FARTHER * seen:
+        away = percent(_value(metrics, "relrmse_lod"), 3)
+        why = f"At the levels that the cameras' distances ask for the error is {away}; the other figures read the finest voxels."
+        found.append(Verdict("worse at its levels of detail", "bad", why))
     if 0.0 < seen < 2.0 * _value(metrics, "reference_noise"):
         found.append(Verdict("noisy reference", "fair", "Its noise is over half the error: trace more paths."))
     return found
