@@ -41,8 +41,8 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class CameraView:
-    """One receiver per pixel of a camera, row by row. hit (H·W,) bool; points: receivers of the hit pixels, in order;
-    depth (H·W,) f64 m, infinite where nothing is hit."""
+    """One receiver per pixel of a camera, row by row. hit (H·W,) bool; points: receivers of the hit pixels, in order, with the
+    camera's number; depth (H·W,) f64 m, infinite where nothing is hit."""
 
     camera: CameraSettings
     hit: Bool
@@ -88,7 +88,9 @@ def view(scene: Scene, g: Geometry, name: str, xy: npt.NDArray[np.floating]) -> 
             f"scene '{scene.name}', cameras.{name}: sees no surface; aim cameras.{name}.target at the scene"
         )
     uv = np.stack([np.array(hits.u)[found], np.array(hits.v)[found]], axis=1).astype(np.float64)
-    points = _on_triangles(g, triangle[found], uv, front[found])
+    seen = _on_triangles(g, triangle[found], uv, front[found])
+    number = list(scene.settings.cameras).index(name)
+    points = dataclasses.replace(seen, camera=np.full(len(uv), number, dtype=np.int32))
     return CameraView(camera, found, points, np.array(hits.t, dtype=np.float64), triangle[found].astype(np.int32), uv)
 
 
@@ -124,7 +126,7 @@ def _camera_points(scene: Scene, g: Geometry, count: int, seed: int) -> Points |
     for i, name in enumerate(scene.settings.cameras):
         points = view(scene, g, name, sobol(4 * each, 2, seed + 100 + i)).points
         keep = np.flatnonzero(probe_lit[points.mesh])[:each]
-        parts.append(dataclasses.replace(points.part(keep), camera=np.full(len(keep), i, dtype=np.int32)))
+        parts.append(points.part(keep))
     return _join(parts)
 
 

@@ -46,6 +46,20 @@ def test_pixels_see_the_surfaces_in_front_of_them() -> None:
     assert not np.array_equal(view.points.positions, other.points.positions), "jittered by seed"
 
 
+def test_points_know_the_camera_that_sees_them() -> None:
+    """By its number in the scene, in the pixels of a view as in the set of all cameras."""
+    s = room(cameras={"c": CAMERA, "back": {**CAMERA, "target": (4, 1, 1.5)}})
+    g = build_geometry(s)
+    for number, name in enumerate(s.settings.cameras):
+        seen = pixel_view(s, g, name, 1).points
+        assert seen.camera is not None and seen.camera.dtype == np.int32 and (seen.camera == number).all()
+        assert len(seen.camera) == len(seen.positions)
+    chosen = choose_points(s, g, 100, 1)["camera"]
+    assert chosen.camera is not None and chosen.camera.tolist() == [0] * 50 + [1] * 50
+    # One looks at the wall x = 0 and the other at x = 4: none sees what the other does.
+    assert (np.sign(chosen.positions[:, 0] - 2.0) == np.where(chosen.camera == 0, -1.0, 1.0)).all()
+
+
 def test_camera_in_a_wall_or_that_sees_nothing_is_named() -> None:
     for origin, target, text in (((0.7, 0.2, 0.7), (3, 1, 1), r"cameras\.c: origin .* is inside a wall"),
                                  ((9, 9, 9), (20, 20, 20), r"cameras\.c: (sees no surface|origin .* is inside a wall)")):  # fmt: skip

@@ -12,17 +12,18 @@ from small_scenes import masked_tree, random_probes, random_tree, texture_of
 
 @pytest.mark.parametrize("tree", [random_tree(4, 0.4, 1), random_tree(5, 0.3, 2), masked_tree(0b10010110)])
 @pytest.mark.parametrize("invalid", [0.0, 0.4])
-def test_weights_make_what_the_sampler_reads(tree: Octree, invalid: float) -> None:
-    """Through chains of virtual probes, past invalid ones and where a coarser level answers: light and weight of every sample
-    are the sums of probes' light and weights."""
+@pytest.mark.parametrize("lod", [None, 2])
+def test_weights_make_what_the_sampler_reads(tree: Octree, invalid: float, lod: int | None) -> None:
+    """Through chains of virtual probes, past invalid ones, where a coarser level answers and where no finer one may: light and weight
+    of every sample are the sums of probes' light and weights."""
     probes = random_probes(len(tree.corners), invalid, 3)
     texture, layout = texture_of(tree, probes)
     source = np.where(probes[:, 12] > 0, np.arange(len(probes)), -1).astype(np.int32)
     where = np.random.default_rng(4).uniform(0.0, 1 << tree.grid.level, (3000, 3))
     q = lattice_position(texture, where)
-    light, weight, level = resolve(texture, q, q, texture.level)
-    found = probe_weights(texture, layout, source, where)
-    assert np.array_equal(found.level, level)
+    light, weight, level = resolve(texture, q, q, lod or texture.level)
+    found = probe_weights(texture, layout, source, where, lod)
+    assert np.array_equal(found.level, level) and level.max() == (lod or texture.level)
     made = np.zeros((len(where), 13))
     np.add.at(made, found.sample, found.weight[:, None] * probes[found.probe])
     np.testing.assert_allclose(made[:, 12], weight, atol=2e-5)

@@ -2,7 +2,8 @@
 
     E = Σ_i g_i,   g_i = s_i (E-weights · premultiplied light_i) / Σ_j s_j w_j
 
-s trilinear, w the texel's weight. For a reconstruction that is not linear this is its linear part; what it adds is said apart.
+s trilinear, w the texel's weight, both as the run samples them: of the level that the pixel's camera gets, from texels as they are
+stored. For a reconstruction that is not linear this is its linear part; what it adds is said apart.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ from ...reference.datatypes import F64
 from ...reference.lattice import OCTANTS
 from ...reference.reconstruction import irradiance
 from ...reference.sh import irradiance_weights
-from ...reference.texture_types import WEIGHT
+from ...reference.texture_types import WEIGHT, Viewer
 from ...reference.volume.layout import TEXEL_OFFSETS
+from ...reference.volume.levels import ring_lod
 from ...reference.volume.sampler import lattice_position, locate, resolve, tile_cell
 from ..leaks.attribution import crossings
 from ..leaks.weights import VOXEL_TEXELS, probe_weights
@@ -27,7 +29,7 @@ MOST_BEHIND = 16  # real probes that are listed
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """level that answers, 0 for none; asked: the finest level there. position (8, 3) m; real (8,) i64: number of the probe, -1 for a
+    """level that answers; asked: the finest level there that may serve. position (8, 3) m; real (8,) i64: number of the probe, -1 for a
     virtual one; share (8,) trilinear; weight (8,) of the texel: its validity; gives (8, 3) W·m⁻²; rest (3,): what the reconstruction
     adds to their sum. voxel, m."""
 
@@ -42,13 +44,22 @@ class Corners:
     rest: F64
 
 
-def corners(w: World, where: F64, normal: F64) -> Corners | None:
-    """The corners of the voxel that answers at `where` (3,) m for unit `normal` (3,); None where no valid probe is near."""
-    texture = w.culled
+def viewer_lod(w: World, where: F64, viewer: Viewer | None) -> int:
+    """The finest level that may serve at `where` (3,) m for a viewer without a blend band; the finest of all without a viewer."""
+    if viewer is None:
+        return w.kept.level
+    lod, _ = ring_lod((where - w.kept.origin).astype(np.float32)[None], viewer, w.kept.origin, w.kept.level)
+    return int(lod[0])
+
+
+def corners(w: World, where: F64, normal: F64, lod: int) -> Corners | None:
+    """The corners of the voxel that answers at `where` (3,) m for unit `normal` (3,), of level `lod` or coarser; None where no valid
+    probe is near."""
+    texture = w.kept
     q = lattice_position(texture, where[None])
-    _, _, level = resolve(texture, q, q, texture.level)
+    _, _, level = resolve(texture, q, q, lod)
     answers = int(level[0])
-    _, finest = locate(texture, q, np.array([texture.level]))
+    _, finest = locate(texture, q, np.array([lod]))
     if answers == 0:
         return None
     slot, found = locate(texture, q, np.array([answers]))
@@ -120,9 +131,10 @@ def _crossing(w: World, triangle: int, at: F64) -> dict[str, object]:
     return {"mesh": w.scene.meshes[int(w.surfaces.geometry.mesh[triangle])].name, "position": at.tolist()}
 
 
-def behind_rows(w: World, where: F64, normal: F64) -> list[dict[str, object]]:
-    """The real probes behind all eight, virtual ones followed to what they are interpolated from; most light first."""
-    found = probe_weights(w.culled, w.probes.layout, w.probes.light_from, where[None])
+def behind_rows(w: World, where: F64, normal: F64, lod: int) -> list[dict[str, object]]:
+    """The real probes behind all eight, virtual ones followed to what they are interpolated from; most light first. What they give is
+    of their light before it is rounded: a virtual probe's rounding is no one probe's."""
+    found = probe_weights(w.kept, w.probes.layout, w.probes.light_from, where[None], lod)
     if not len(found.probe):
         return []
     weight = found.weight / found.weight.sum()

@@ -12,13 +12,13 @@ from ...reference.datatypes import F64
 from ...reference.errors import InputError
 from ...reference.progress import Progress
 from ...reference.truth.points import CameraView, Points
-from ..waterfall.chain import gathered_stages
+from ..waterfall.chain import gathered_stages, viewer_of
 from ..waterfall.links import LINKS
 from ..waterfall.measured import diffuse_stage
 from ..waterfall.reference import Reference, paths, relative_noise
 from ..waterfall.statistics import links_of
 from ..waterfall.world import World
-from .corners import behind_rows, corner_rows, corners
+from .corners import behind_rows, corner_rows, corners, viewer_lod
 from .request import PixelAddress
 
 RAYS = 1 << 16
@@ -28,7 +28,8 @@ SEED = 8000
 
 def explain_pixel(w: World, address: PixelAddress, progress: Progress) -> dict[str, Any]:
     """The record's `pixel` table: camera, x, y, position, normal, sample (m), mesh; ours, truth, truth_se (W·m⁻²); links by name with
-    signed (3), mean and se; probes: the eight, see `corner_rows`; behind: the real ones behind them; voxel_m, level.
+    signed (3), mean and se; probes: the eight, see `corner_rows`: what they give and `reconstruction_adds` make up ours; behind: the
+    real ones behind them; voxel_m, level; finest_level: that the camera's distance lets serve there.
 
     Raises InputError where the pixel sees no surface.
     """
@@ -42,11 +43,11 @@ def explain_pixel(w: World, address: PixelAddress, progress: Progress) -> dict[s
     diffuse = reference
     if truth.irradiance.mean() > 0.0:
         diffuse = diffuse_stage(w, point, reference, relative_noise(reference.irradiance), progress)
-    number = list(w.scene.settings.cameras).index(name)
-    point = Points(point.positions, point.normals, point.mesh, np.array([number], dtype=np.int32))
+    assert point.camera is not None
     stages = [reference.irradiance, diffuse.irradiance, *gathered_stages(w, point, RAYS)]
     where, normal = pipeline.lifted(w.scene, w.culled, point)[0], point.normals[0]
-    found = corners(w, where, normal)
+    lod = viewer_lod(w, where, viewer_of(w, int(point.camera[0])))
+    found = corners(w, where, normal, lod)
     progress("pixel", 1, 1)
     return {
         "camera": name,
@@ -67,7 +68,7 @@ def explain_pixel(w: World, address: PixelAddress, progress: Progress) -> dict[s
         "voxel_m": None if found is None else found.voxel,
         "reconstruction_adds": [0.0] * 3 if found is None else found.rest.tolist(),
         "probes": [] if found is None else corner_rows(w, where, found),
-        "behind": [] if found is None else behind_rows(w, where, normal),
+        "behind": [] if found is None else behind_rows(w, where, normal, lod),
     }
 
 

@@ -58,11 +58,13 @@ class _Voxels:
     weight: F64
 
 
-def probe_weights(texture: VirtualTexture, layout: TileLayout, source: I32, positions: F64) -> ProbeWeights:
+def probe_weights(
+    texture: VirtualTexture, layout: TileLayout, source: I32, positions: F64, lod: int | None = None
+) -> ProbeWeights:
     """Weights of the real probes at `positions` (N, 3) m; source (R,): whose light each probe that filled the texture uses,
-    -1 for none."""
+    -1 for none. lod: finest level to use, all without it."""
     q = lattice_position(texture, positions)
-    _, _, level = resolve(texture, q, q, texture.level)
+    _, _, level = resolve(texture, q, q, texture.level if lod is None else lod)
     found: list[tuple[I64, I64, F64]] = []
     carried = _nothing()
     for depth in range(texture.level, 0, -1):

@@ -71,16 +71,22 @@ def _by_probes(w: World, points: Points, where: F64, averaged: bool) -> list[F64
 def device_samples(w: World, points: Points, where: F64) -> F64:
     """What the run samples (N, 3), W·m⁻²: all levels, or, with sampling.lod_distance, those that a viewer at each point's camera
     gets."""
-    distance = w.scene.settings.sampling.lod_distance
-    if distance is None or points.camera is None:
+    if points.camera is None:
         return np.asarray(w.sampler(where, points.normals).irradiance, dtype=np.float64)
     out = np.zeros_like(points.positions)
-    for number, camera in enumerate(w.scene.settings.cameras.values()):
+    for number in np.unique(points.camera):
         mine = np.flatnonzero(points.camera == number)
-        if len(mine):
-            viewer = Viewer(np.asarray(camera.origin, dtype=np.float64), distance)
-            out[mine] = w.sampler(where[mine], points.normals[mine], viewer).irradiance
+        out[mine] = w.sampler(where[mine], points.normals[mine], viewer_of(w, int(number))).irradiance
     return out
+
+
+def viewer_of(w: World, camera: int) -> Viewer | None:
+    """Who looks through the scene's camera of that number; None where the scene lets all levels serve everywhere."""
+    distance = w.scene.settings.sampling.lod_distance
+    if distance is None:
+        return None
+    eye = list(w.scene.settings.cameras.values())[camera]
+    return Viewer(np.asarray(eye.origin, dtype=np.float64), distance)
 
 
 def _reconstructed(w: World, radiance: F64, positions: F64, normals: F64, averaged: bool) -> F64:
