@@ -16,10 +16,10 @@ from lightgauge.validation.efficiency.curve import GridRow, cost_at
 from lightgauge.validation.efficiency.eta import eta
 from lightgauge.validation.efficiency.lazy_grid import census, sample_grid
 from lightgauge.validation.efficiency.paired import paired_eta
-from lightgauge.validation.metrics.error import Measured
 from small_scenes import box, material, scene
 
 KEY = ("camera", "total")
+BLOCKS = 20
 Room = tuple[Scene, pipeline.Surfaces, pipeline.PatchLight]
 
 
@@ -76,7 +76,13 @@ def power_law(cost: F64) -> list[GridRow]:
     """Error = cost^(-1/3)."""
     spread = {KEY: 0.0}
     return [
-        GridRow(1.0 / c, {"probes": c, "valid_probes": c / 2, "bytes": c, "entries": c}, {KEY: c ** (-1 / 3)}, spread)
+        GridRow(
+            1.0 / c,
+            {"probes": c, "valid_probes": c / 2, "bytes": c, "entries": c},
+            {KEY: c ** (-1 / 3)},
+            spread,
+            {KEY: np.full((2, BLOCKS), c ** (-2 / 3))},
+        )
         for c in cost
     ]
 
@@ -100,17 +106,29 @@ def test_a_finer_grid_never_counts_as_worse() -> None:
 
 
 def test_eta_loses_what_a_larger_error_would_save_a_grid() -> None:
-    curve = power_law(np.array([10.0, 80.0, 640.0]))
-    found = eta(curve, KEY, "probes", 5.0, Measured(0.2, 0.01, 100))
-    assert found.value == pytest.approx(0.2**-3 / 5.0)
+    curve, even = power_law(np.array([10.0, 80.0, 640.0])), np.full(BLOCKS, 0.04)
+    found = eta(curve, KEY, "probes", 5.0, 0.2, even, 0.01)
+    assert found.value == pytest.approx(0.2**-3 / 5.0) and found.bound == ""
     assert found.se == pytest.approx((0.2**-3 - 0.21**-3) / 5.0)
+    assert found.interval == pytest.approx((0.2196**-3 / 5.0, 0.1804**-3 / 5.0))
     noisy = [dataclasses.replace(row, se={KEY: 0.03}) for row in curve]
     worse = 0.2 + np.hypot(0.01, 0.03)
-    assert eta(noisy, KEY, "probes", 5.0, Measured(0.2, 0.01, 100)).se == pytest.approx((0.2**-3 - worse**-3) / 5.0)
-    assert found.bound == ""
-    assert found.interval == pytest.approx((0.2196**-3 / 5.0, 0.1804**-3 / 5.0))
-    blurred = eta(curve, KEY, "probes", 5.0, Measured(0.2, 0.06, 100))
+    assert eta(noisy, KEY, "probes", 5.0, 0.2, even, 0.01).se == pytest.approx((0.2**-3 - worse**-3) / 5.0)
+    blurred = eta(curve, KEY, "probes", 5.0, 0.2, even, 0.06)
     assert blurred.interval == pytest.approx((0.3176**-3 / 5.0, 640.0 / 5.0))
+
+
+def test_points_that_are_hard_for_both_do_not_blur_eta() -> None:
+    """Blocks whose error differs tenfold: where the grid finds the same ones hard nothing is open, where it finds others hard it is."""
+    hard = np.linspace(0.1, 1.9, BLOCKS)
+    curve = [
+        dataclasses.replace(row, blocks={KEY: row.blocks[KEY] * hard})
+        for row in power_law(np.array([40.0, 125.0, 400.0]))
+    ]
+    same, other = (eta(curve, KEY, "probes", 5.0, 0.2, 0.04 * by) for by in (hard, hard[::-1]))
+    assert same.value == other.value and same.se == pytest.approx(0.0, abs=1e-12)
+    # twice the standard error of one: sd of the mean of `hard` is 0.124, and the error goes with its root
+    assert other.interval[0] == pytest.approx((0.2 + 1.96 * 2 * 0.2 * 0.124 / 2.0) ** -3 / 5.0, rel=0.02)
 
 
 def noisy_grids(rng: np.random.Generator, placements: int, common: F64) -> tuple[F64, list[float], list[F64]]:

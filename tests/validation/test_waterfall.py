@@ -140,7 +140,13 @@ def test_the_room(room: World, device: OpenDevice) -> None:
     a run samples, bit for bit."""
     found = measured(room, silent)
     whole, table = found.sets["camera"], waterfall_table(room, found)
-    assert whole.closure < 1e-6 and waterfall_metrics(table)["waterfall_closure"]["value"] < 1e-6
+    assert whole.closure < 1e-6 and waterfall_metrics(table, {})["waterfall_closure"]["value"] < 1e-6
+    of_run = {"value": float(whole.total_rms), "se": 0.0, "n": 1}
+    apart = [
+        waterfall_metrics(table, {"relrmse": {**of_run, "value": of_run["value"] + 5.0 * whole.total_rms_se * k}})
+        for k in (0, 1)
+    ]
+    assert [a["waterfall_disagreement"]["value"] for a in apart] == pytest.approx([0.0, 5.0])
     assert whole.signed[0] > 4.0 * whole.signed_se[0] > 0.0
     assert whole.rms[NAMES.index("device")] > 0.01 and set(found.meshes) == {"walls", "block"}
     assert sum(link["share"]["value"] for link in table["sets"]["camera"]["links"].values()) + table["sets"]["camera"][

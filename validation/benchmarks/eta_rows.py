@@ -12,8 +12,6 @@ nearest grids.
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from collections.abc import Iterator, Mapping
 from functools import partial
 
@@ -77,8 +75,7 @@ def efficiency(scene_name: str, wanted: Wanted, progress: Progress) -> Iterator[
 
 def _row(name: str, curve: list[GridRow], ours: Reached, key: Key, cost: Cost) -> Row:
     error, placements = ours.error[key], len(ours.each[key])
-    uncertain = dataclasses.replace(error, se=math.hypot(error.se, ours.spread(key)))
-    found = eta(curve, key, cost, ours.cost[cost], uncertain)
+    found = eta(curve, key, cost, ours.cost[cost], error.value, ours.blocks[key].mean(axis=0), ours.spread(key))
     note = (
         f"{found.bound + '; ' if found.bound else ''}{key[0]} points, {key[1]} error {error.value:.2%} ± {error.se:.2%} by its points, "
         f"± {ours.spread(key):.2%} by its placements, samples {ours.offset[key]} voxels off; "

@@ -11,7 +11,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ..metrics.error import Measured
+import numpy as np
+
+from ...reference.datatypes import F64
+from ..statistics.jackknife import se_of_rest
 from .curve import Cost, GridRow, Key, cost_at
 
 Z95 = 1.96
@@ -39,13 +42,23 @@ def own_cost(cost: Mapping[str, float]) -> dict[Cost, float]:
     }
 
 
-def eta(curve: Sequence[GridRow], key: Key, cost: Cost, own: float, reached: Measured) -> Eta:
-    """η at the error `reached` for `own` cost. se: what it loses where the error is one standard error larger (near the floor
-    the curve is flat, and a smaller error would cost a grid without bound): that of the points, and that of the grid nearest in
-    error, whose shifts differ, in quadrature."""
-    near = min(curve, key=lambda row: abs(row.error[key] - reached.value))
-    spread = math.hypot(reached.se, near.se[key])
-    found, worse, low, high = (
-        cost_at(curve, key, cost, reached.value + sigmas * spread) for sigmas in (0.0, 1.0, Z95, -Z95)
-    )
+def eta(
+    curve: Sequence[GridRow], key: Key, cost: Cost, own: float, error: float, blocks: F64, placements: float = 0.0
+) -> Eta:
+    """η at our `error` for `own` cost. blocks (B,): our mean squares by block of points. placements: standard error of `error` from
+    where our lattice falls.
+
+    se: what η loses where our error is one standard error larger (near the floor the curve is flat, and a smaller error would cost
+    a grid without bound). What counts is how far we are from the grid nearest in error, and points and reference are the same for
+    both: so it is that of the difference, from blocks left out of both, with that of both placements in quadrature.
+    """
+    near = min(curve, key=lambda row: abs(row.error[key] - error))
+    spread = math.hypot(_apart(blocks, near.blocks[key].mean(axis=0)), near.se[key], placements)
+    found, worse, low, high = (cost_at(curve, key, cost, error + sigmas * spread) for sigmas in (0.0, 1.0, Z95, -Z95))
     return Eta(found.cost / own, (found.cost - worse.cost) / own, found.bound, (low.cost / own, high.cost / own))
+
+
+def _apart(ours: F64, theirs: F64) -> float:
+    """Standard error of the difference of two root mean squares from blocks (B,) of the same points."""
+    mine, other = (np.sqrt(np.maximum(b.sum() - b, 0.0) / max(len(b) - 1, 1)) for b in (ours, theirs))
+    return float(se_of_rest(list(mine - other)))

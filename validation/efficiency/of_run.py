@@ -50,11 +50,9 @@ def efficiency(
         )
     if not asked:
         return Efficiency({}, {}, [], ["no placement efficiency: no lit point is seen by a camera or lit by probes"])
-    errors = {
-        (j.name, kind): j.error(sampled[j.points].irradiance.astype(np.float64), kind)
-        for j in asked
-        for kind in j.batches
-    }
+    found_by = {j.name: sampled[j.points].irradiance.astype(np.float64) for j in asked}
+    errors = {(j.name, kind): j.error(found_by[j.name], kind) for j in asked for kind in j.batches}
+    blocks = {(j.name, kind): j.blocks(found_by[j.name], kind) for j in asked for kind in j.batches}
     own, first = own_cost(baked.cost), asked[0]
     curve = bracketing_curve(
         baked.scene, baked.surfaces, baked.light, truth, asked,
@@ -66,11 +64,11 @@ def efficiency(
     wanted |= {f"eta_{j.name}": ((j.name, "total"), "probes") for j in asked[1:]}
     metrics = {}
     for name, (key, cost) in wanted.items():
-        found = eta(curve, key, cost, own[cost], errors[key])
+        found = eta(curve, key, cost, own[cost], errors[key].value, blocks[key])
         bound = {"bound": found.bound} if found.bound else {}
         metrics[name] = metric(found.value, found.se, errors[key].n, interval=list(found.interval), **bound)
     alone: Key = (first.name, "placement")
-    slower = eta(curve, alone, "entries", own["entries"], errors[alone]).value
+    slower = eta(curve, alone, "entries", own["entries"], errors[alone].value, blocks[alone]).value
     found_all = {name: m for name, m in metrics.items() if m is not None}
     return Efficiency(found_all, {"eta_placement_update": slower}, [_row(row, first) for row in curve], [])
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import Any
 
 from ..record import metric
@@ -10,6 +12,8 @@ from .measured import RAYS, Measured
 from .reference import Reference, relative_noise
 from .statistics import Waterfall
 from .world import EXACT_RAYS, World
+
+TINY = 1e-300
 
 
 def waterfall_table(w: World, found: Measured) -> dict[str, Any]:
@@ -58,11 +62,18 @@ def set_table(found: Waterfall, cross: bool = True) -> dict[str, Any]:
     return {**table, "cross": (found.cross / found.seen).tolist()} if cross else table
 
 
-def waterfall_metrics(table: dict[str, Any]) -> dict[str, Any]:
-    """`waterfall_explained` and `waterfall_closure` of the scene's cameras together; the closure is the worst of all sets."""
+def waterfall_metrics(table: dict[str, Any], measured: Mapping[str, Any]) -> dict[str, Any]:
+    """Of the scene's cameras together: `waterfall_explained`; `waterfall_closure`, the worst of all sets; and
+    `waterfall_disagreement`: how many standard errors the whole of the links, against a reference of its own, lies from the error that
+    the run `measured` without them. Links add up whatever they are; this fails where they are links of something else."""
     whole = table["sets"]["camera"]
     worst = max(one["closure"] for one in table["sets"].values())
-    return {
+    found = {
         "waterfall_explained": whole["explained"],
         "waterfall_closure": metric(worst, None, whole["points"]),
     }
+    own = measured.get("relrmse_lod", measured.get("relrmse"))
+    if own is not None:
+        away = abs(whole["rms"]["value"] - own["value"]) / max(math.hypot(whole["rms"]["se"], own["se"]), TINY)
+        found["waterfall_disagreement"] = metric(away, None, whole["points"])
+    return found

@@ -34,5 +34,5 @@ def with_waterfall(
     else:
         table, pictures = cache.unpack_json(kept["table"]), unpacked(kept)
     shown = [dataclasses.replace(v, links=pictures.get(v.pictures.camera)) for v in views]
-    metrics = {**record["metrics"], **waterfall_metrics(table)}
+    metrics = {**record["metrics"], **waterfall_metrics(table, record["metrics"])}
     return {**record, "waterfall": table, "metrics": metrics}, shown
