@@ -102,8 +102,9 @@ def sample_sky(sky: Sky, xi: npt.NDArray[np.floating]) -> tuple[F64, F64]:
 
 
 def _hat(xi: F64) -> F64:
-    """Numbers in -1 … 1 with density 1 - |x| from uniform ones (N,)."""
-    return np.where(xi < 0.5, np.sqrt(2.0 * xi) - 1.0, 1.0 - np.sqrt(2.0 * np.maximum(1.0 - xi, 0.0)))
+    """Numbers within -1 … 1 with density 1 - |x| from uniform ones (N,). The ends are kept out: there a lone texel's light and
+    density are both 0."""
+    return (1.0 - 1e-6) * np.where(xi < 0.5, np.sqrt(2.0 * xi) - 1.0, 1.0 - np.sqrt(2.0 * np.maximum(1.0 - xi, 0.0)))
 
 
 def bin_of(directions: npt.NDArray[np.floating]) -> I32:

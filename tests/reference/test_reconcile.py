@@ -234,14 +234,14 @@ def test_closing_is_the_weighted_least_squares_solution(case: str) -> None:
         g, p = surfaces(rooms()[case], 3.0)
         flows, area = flows_of_rays(patch_form_factors(g, p, 16, 4, silent), p.area)[0], p.area
     else:
-        flows, area = made_up(16, 3, 0.7) if "sparse" in case else made_up(9, 3, 0.33)
+        flows, area = made_up(28, 3, 0.7) if "sparse" in case else made_up(9, 3, 0.33)
     got, expected = closed(flows, area), closed_dense(flows, area)
     np.testing.assert_allclose(got.x, expected.x, atol=1e-7 * area.max())
     np.testing.assert_allclose(got.out_x, expected.out_x, atol=1e-7 * area.max())
     np.testing.assert_allclose(row_sums(got, len(area)), area, rtol=1e-7)
     assert (flows.lo == flows.hi).any() == ("made up" in case)
     if case == "made up, sparse":
-        # Something was cut off: so it was with each of 60 seeds.
+        # Something was cut off: with 16 patches so it was for 98 of 99 seeds.
         assert (expected.x == 0.0).any() or (expected.out_x == 0.0).any()
 
 

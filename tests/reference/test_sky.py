@@ -184,6 +184,21 @@ def test_density_integrates_to_one_and_is_that_of_the_samples(sky: Sky) -> None:
 
 
 @pytest.mark.parametrize("sky", SKIES)
+def test_samples_at_the_ends_of_a_hat_have_light_and_density(sky: Sky) -> None:
+    """Uniform numbers of exactly 0, and the largest under 1, which rotated Sobol points in float32 do come to: the edge of a lone
+    texel's hat, where 0 over 0 once made a patch's light, and then everybody's, no number."""
+    ends = np.float32([0.0, 2.0**-24, 0.5, 1.0 - 2.0**-24])
+    upto = np.cumsum(sky.image.mean(axis=2).ravel())
+    steps = np.unique(np.concatenate([ends, (upto / upto[-1]).astype(np.float32)[:-1]]))
+    xi = np.stack(np.meshgrid(steps[steps < 1.0], ends), axis=-1).reshape(-1, 2)
+    d, density = sample_sky(sky, xi)
+    value = sky_radiance(sky, d).mean(axis=1) / density
+    assert (density > 0.0).all() and np.isfinite(value).all()
+    even = sky_radiance(sky, fibonacci_sphere(1 << 16)).mean(axis=1).mean()
+    assert value.max() < 100.0 * 4.0 * math.pi * even
+
+
+@pytest.mark.parametrize("sky", SKIES)
 def test_density_follows_the_luminance(sky: Sky) -> None:
     """Mean of L / density is ∫ L dω; and L / density hardly spreads: what is left is the sine within a texel's hat, largest in
     the rows next to a pole, where the picture is wide and short."""

@@ -70,7 +70,7 @@ class World:
         lit = np.array([m.lit_by_probes for m in self.scene.meshes])
         seen = np.array(hits.hit) & (front | g.two_sided[triangle]) & lit[g.mesh[triangle]]
         triangle, front = triangle[seen], front[seen]
-        uv = np.stack([np.array(hits.u), np.array(hits.v)], axis=1).astype(np.float64)[seen]
+        uv = np.stack([np.array(hits.u)[seen], np.array(hits.v)[seen]], axis=1).astype(np.float64)
         normals = np.where(front[:, None], 1.0, -1.0) * g.normals[triangle]
         points = Points(points_on_triangles(g, triangle, uv), normals, g.mesh[triangle])
         return Watched(pipeline.lifted(self.scene, self.texture, points), normals)
