@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import platform
+import re
 import subprocess
 from collections.abc import Mapping
 from importlib import metadata
@@ -14,6 +15,7 @@ from ..fastpath.device import OpenDevice
 from .machine import usable_cores
 
 PACKAGES = ("lightgauge", "mitsuba", "drjit", "numpy", "scipy", "pyopencl", "OpenEXR")
+VECTOR_LANES = 64  # of the kernel that is asked for its width: no machine has wider vectors
 
 
 def provenance(device: OpenDevice, overrides: Mapping[str, Any], seed: int, command: str) -> dict[str, Any]:
@@ -25,6 +27,7 @@ def provenance(device: OpenDevice, overrides: Mapping[str, Any], seed: int, comm
         "cpu": _cpu(),
         "cores": usable_cores(),
         "llvm": ".".join(str(n) for n in dr.detail.llvm_version()),
+        "vector_width": vector_width(),
         "opencl": f"{device.info.platform}, {device.info.name}",
         "seed": seed,
         "config": dict(overrides),
@@ -32,6 +35,18 @@ def provenance(device: OpenDevice, overrides: Mapping[str, Any], seed: int, comm
         "command": command,
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     }
+
+
+def vector_width() -> int:
+    """Lanes of single precision that Dr.Jit's LLVM kernels compute at a time, as the text of a small kernel has them: another width
+    gives sums in another order, so other bits. 0 where no kernel says."""
+    import drjit as dr
+    from drjit.llvm import Float
+
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.eval(dr.opaque(Float, 1.0, VECTOR_LANES) + 1.0)
+        texts = [kernel["ir"].getvalue() for kernel in dr.kernel_history([dr.KernelType.JIT])]
+    return max((int(lanes) for text in texts for lanes in re.findall(r"<(\d+) x float>", text)), default=0)
 
 
 def _cpu() -> str:

@@ -77,7 +77,8 @@ def case(*curves: Curve, **more: Any) -> Case:
 
 
 def status(curve: Curve, *readings: Reading) -> tuple[str, bool]:
-    found = judge.judge(case(curve), {float(i + 1): {curve.name: r} for i, r in enumerate(readings)})
+    at = {float(i + 1): {curve.name: r} for i, r in enumerate(readings)}
+    found = judge.judge(case(curve, values=tuple(at)), at)
     return found.status, found.as_stated
 
 
@@ -100,7 +101,7 @@ def test_a_reading_against_a_limit(reading: Reading, expected: str) -> None:
 
 def test_samples_that_would_tell() -> None:
     """z·se must shrink to the room, which is 1 here."""
-    found = judge.judge(case(Curve("x", at_most(1.0), "why")), {1.0: {"x": Reading(0.9, 0.5, 100)}})
+    found = judge.judge(case(Curve("x", at_most(1.0), "why"), values=(1.0,)), {1.0: {"x": Reading(0.9, 0.5, 100)}})
     z = judge.sigmas(1)
     assert found.points[0].samples == pytest.approx(100 * (z * 0.5) ** 2, abs=1) and "samples would tell" in found.why
     better = Reading(0.9, 0.5 * (100 / (found.points[0].samples or 0)) ** 0.5, found.points[0].samples or 0)
@@ -108,7 +109,7 @@ def test_samples_that_would_tell() -> None:
 
 
 def test_no_number_of_samples_tells_a_reading_on_an_edge_without_room() -> None:
-    found = judge.judge(case(Curve("x", at_most(0.0), "why")), {1.0: {"x": Reading(0.0, 0.1, 10)}})
+    found = judge.judge(case(Curve("x", at_most(0.0), "why"), values=(1.0,)), {1.0: {"x": Reading(0.0, 0.1, 10)}})
     assert found.status == "below noise" and found.points[0].samples is None and "no number" in found.why
 
 
@@ -132,7 +133,8 @@ def test_a_judged_curve_that_is_never_read_fails() -> None:
 
 
 def test_readings_between_the_swept_values_are_not_judged() -> None:
-    found = judge.judge(case(Curve("x", at_most(1.0), "why")), {1.0: {"x": Reading(0.5)}, 1.5: {"x": Reading(9.0)}})
+    one = case(Curve("x", at_most(1.0), "why"), values=(1.0,))
+    found = judge.judge(one, {1.0: {"x": Reading(0.5)}, 1.5: {"x": Reading(9.0)}})
     assert found.status == "pass" and [p.status for p in found.points] == ["pass", "shown"]
 
 
@@ -369,9 +371,8 @@ def test_what_is_read_off_probes() -> None:
 
 def verdict(name: str, *values: float) -> str:
     """The status of a case of this catalogue at some of its values."""
-    one = catalogue.group(name[0])[name].case
-    readings = {v: dict(one.measure(v, 0)) for v in values}
-    return judge.judge(one, readings).status
+    one = replace(catalogue.group(name[0])[name].case, values=values)
+    return judge.judge(one, {v: dict(one.measure(v, 0)) for v in values}).status
 
 
 def test_hostile_paths_and_names() -> None:
@@ -400,10 +401,6 @@ def test_checksums_that_are_not_looked_at_are_noticed(monkeypatch: pytest.Monkey
 
 
 def test_an_old_llvm_that_is_taken_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert verdict("G10", 16.0, 17.0) == "fail", "whole runs are only read at the oldest: never read"
-    one = catalogue.group("G")["G10"].case
-    part = replace(one, curves=one.curves[:2])
-    read = {v: dict(one.measure(v, 0)) for v in (16.0, 17.0)}
-    assert judge.judge(part, read).status == "pass"
+    assert verdict("G10", 16.0, 17.0) == "pass", "whole runs are only wanted at the oldest"
     monkeypatch.setattr("lightgauge.reference.variant.MIN_LLVM", 15)
-    assert judge.judge(part, {16.0: dict(one.measure(16.0, 0))}).status == "fail"
+    assert verdict("G10", 16.0) == "fail"

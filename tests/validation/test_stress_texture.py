@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import ctypes
 import dataclasses
 import math
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from lightgauge.fastpath import layout, sampler, windows
 from lightgauge.fastpath.clipmap import Clipmap
 from lightgauge.reference.texture_types import VirtualTexture
+from lightgauge.reference.variant import ensure_variant
+from lightgauge.validation.provenance import provenance, vector_width
 from lightgauge.validation.statistics import welch
 from lightgauge.validation.stress import (
     rates_measured,
     texture_filter,
     texture_reads,
     texture_streams,
+    texture_worlds,
+    truth_again,
     truth_bounces,
     truth_checks,
     truth_paths,
@@ -34,7 +41,7 @@ from lightgauge.validation.stress.rates_fit import exponent
 
 def verdict(case: Case, *values: float) -> Verdict:
     """Judged at some values of the sweep only."""
-    return judge(case, {value: case.measure(value, 1) for value in values})
+    return judge(dataclasses.replace(case, values=values), {value: case.measure(value, 1) for value in values})
 
 
 def test_every_case_is_there_and_can_fail() -> None:
@@ -90,7 +97,7 @@ def test_a_sampler_half_a_texel_off_breaks_its_rate(monkeypatch: pytest.MonkeyPa
 def test_what_finds_bias_finds_none_where_it_is_told_to_be_blind(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(truth_checks, "RUNS", 12)
     monkeypatch.setattr(truth_checks, "CLEAN_RUNS", 40)
-    few = dataclasses.replace(F5, curves=tuple(c for c in F5.curves if c.name == "Welch on blocks"))
+    few = dataclasses.replace(F5, values=(0.003,), curves=tuple(c for c in F5.curves if c.name == "Welch on blocks"))
     reading = {0.003: {"Welch on blocks": F5.measure(0.003, 1)["Welch on blocks"]}}
     assert judge(few, reading).status == "pass"
     monkeypatch.setattr(welch, "holm", lambda p, alpha: np.zeros(len(p), bool))
@@ -141,3 +148,43 @@ def test_tail_index_and_exponent_of_known_laws() -> None:
     x = np.array([1.0, 2.0, 4.0])
     fitted = exponent(x, 3.0 * x**2 * np.exp(0.05 * rng.normal(size=(8, 3))))
     assert abs(fitted.value - 2.0) < 5 * fitted.se and 0.0 < fitted.se < 0.05
+    assert (fitted.n, fitted.df) == (8, 7)  # slopes, not errors
+
+
+def test_the_truth_again_really_runs_on_that_many_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    ran: list[int] = []
+
+    def counted(*given: object) -> SimpleNamespace:
+        import drjit as dr
+
+        ran.append(dr.thread_count())
+        return SimpleNamespace(irradiance=np.full((4, 10, 3), 1.0 + 1e-3 * (ran[-1] == 3)))
+
+    ensure_variant()
+    monkeypatch.setattr(truth_again, "picture", counted)
+    monkeypatch.setattr(truth_again, "sampled_on", lambda threads, seed: (threads, np.zeros((2, 3), np.float32)))
+    for kept in (truth_again._traced, truth_again._sampled_on_one):
+        kept.cache_clear()
+    found = truth_again.again(3.0, 91)
+    for kept in (truth_again._traced, truth_again._sampled_on_one):
+        kept.cache_clear()
+    assert ran == [1, 3, 3] and found["truth, values that differ"].value == 120.0
+
+
+def test_the_kernel_again_runs_on_that_many_threads() -> None:
+    """Each in a process of its own; a device that does not do as it is told reads nothing."""
+    units, four = truth_again.sampled_on(4, 1)
+    assert units == 4 and four.shape == (truth_again.SAMPLES, 3)
+    one = np.zeros((2, 3), np.float32)
+    off = truth_again.sampled_again((1, one), (2, one + 1.0), 2)
+    assert off["sampler, values that differ"].value == 6.0
+    assert truth_again.sampled_again((8, one), (8, one), 2) == {}
+
+
+def test_the_vector_width_of_kernels_is_recorded() -> None:
+    ensure_variant()
+    import drjit as dr
+
+    core = ctypes.CDLL(str(Path(dr.__file__).with_name("libdrjit-core.so")))
+    assert vector_width() == core._Z21jit_llvm_vector_widthv() > 1
+    assert provenance(texture_worlds.device(), {}, 0, "x")["vector_width"] == vector_width()

@@ -42,6 +42,31 @@ def samples_to_decide(value: float, se: float, n: int, limit: float, sigmas: flo
     return UNDECIDABLE if distance < se * 1e-7 else samples_needed(se, n, distance / sigmas)
 
 
+def student_bound(sigmas: float, df: float | None) -> float:
+    """Student's quantile of the chance that `sigmas` has of the normal distribution, for a standard error that is estimated with `df`
+    degrees of freedom; None: it is known. Infinite under one degree. Student 1908, "The probable error of a mean"."""
+    if df is None or math.isinf(df):
+        return sigmas
+    return float(-student_t.ppf(ndtr(-sigmas), df)) if df >= 1.0 else math.inf
+
+
+def samples_by_student(se: float, n: int, df: float | None, goal: float, sigmas: float) -> int:
+    """Samples after which `sigmas` standard errors, by Student's quantile, are `goal`, where `n` samples give `se` with `df` degrees
+    of freedom: more samples bring more of both. Raises ValueError unless `goal` and `n` are positive."""
+    least = samples_needed(se, n, goal / sigmas)
+    if df is None or math.isinf(df) or se == 0.0:
+        return least
+
+    def over(log_times: float) -> float:
+        times = math.exp(log_times)
+        return student_bound(sigmas, (df + 1.0) * times - 1.0) * se - goal * math.sqrt(times)
+
+    low, high = math.log(2.0 / (df + 1.0)), math.log(UNDECIDABLE / n)
+    if over(high) > 0.0:
+        return UNDECIDABLE
+    return math.ceil(n * math.exp(brentq(over, low, high))) if over(low) > 0.0 else least
+
+
 class Sequential:
     """A comparison with `limit`, looked at up to `looks` times with equally many new samples before each look.
 
@@ -60,10 +85,7 @@ class Sequential:
         crossed several times too often by a spread that few samples happen to make small."""
         if not 1 <= look <= self.looks:
             raise ValueError(f"look must be 1 to {self.looks}, got {look}")
-        bound = self.bounds[look - 1]
-        if math.isfinite(df):
-            bound = float(-student_t.ppf(ndtr(-bound), df)) if df >= 1.0 else math.inf
-        reach = bound * se if se > 0.0 else 0.0
+        reach = student_bound(self.bounds[look - 1], df) * se if se > 0.0 else 0.0
         if value - self.limit > reach:
             return "over"
         return "under" if self.limit - value > reach else None

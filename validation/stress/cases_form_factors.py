@@ -97,6 +97,7 @@ CLOSURE = Case(
             "one per cent too much, over the formula",
             within(0.99, 1.01),
             "a defect δ becomes δ ρ / (1 - (1 + δ) ρ): 9.9 % of 1 % at ρ = 0.9 (catalogue A3)",
+            where=lambda albedo: 1.01 * albedo < 0.998,
         ),
         Curve("closure, of its limit", at_most(1.0), "max |ΣF - 1| <= τ (1 - ρ) / ρ keeps the error under τ, here 0.001"),
     ),

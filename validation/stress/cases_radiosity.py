@@ -16,6 +16,11 @@ def _steps(tolerance: float, albedo: float) -> float:
     return math.log(tolerance) / math.log(albedo)
 
 
+def _taken(loss: float) -> bool:
+    """Whether the solver takes a scene of this albedo."""
+    return 1.0 - loss < MAX_RADIUS - 1e-9
+
+
 def _jacobi(loss: float) -> Band:
     steps = _steps(STEP_TOLERANCE, 1.0 - loss)
     return Band(steps - 1.0, 1.01 * steps + 1.0)
@@ -39,18 +44,26 @@ SLOW = Case(
     values=(5e-4, 1e-3, 2e-3, 1e-2, 0.1, 0.5),
     metric="row operations per patch until 0.001 of the source is left; error of the radiosity over that; refused: 1",
     curves=(
-        Curve("jacobi", _jacobi, "one bounce a sweep: ln 0.001 / ln ρ = 66, 688 at ρ = 0.9, 0.99 (catalogue B1)"),
-        Curve("gauss-seidel", _faster, "uses what earlier rows have just got: about half of Jacobi's sweeps"),
-        Curve("southwell", _faster, "shoots the largest residual first"),
-        Curve("error left, of the tolerance", at_most(1.001), "what is unshot is all that is missing"),
+        Curve(
+            "jacobi",
+            _jacobi,
+            "one bounce a sweep: ln 0.001 / ln ρ = 66, 688 at ρ = 0.9, 0.99 (catalogue B1)",
+            where=_taken,
+        ),
+        Curve(
+            "gauss-seidel", _faster, "uses what earlier rows have just got: about half of Jacobi's sweeps", where=_taken
+        ),
+        Curve("southwell", _faster, "shoots the largest residual first", where=_taken),
+        Curve("error left, of the tolerance", at_most(1.001), "what is unshot is all that is missing", where=_taken),
         Curve(
             "off a dense solve, of the tolerance",
             at_most(1.05),
             "the cube lit by one wall against a dense solve: a solver that stops early leaves out more than it was asked to",
+            where=_taken,
         ),
         Curve(
             "refused",
-            lambda loss: Band(1.0, 1.0) if 1.0 - loss >= MAX_RADIUS - 1e-9 else Band(0.0, 0.0),
+            lambda loss: Band(0.0, 0.0) if _taken(loss) else Band(1.0, 1.0),
             "from a spectral radius of 0.999 on (6,905 sweeps) the scene is refused, with the albedo that causes it",
         ),
     ),
@@ -72,7 +85,8 @@ SPHERE = Case(
     curves=(
         Curve("solvers", at_most(1e-6), "F_ij = A_j / A: the closed form is the solution, whatever the exitance (Walsh 1920)"),
         Curve("whole", lambda level: at_most(0.03 * 4.0**-level)(level), "facets are h² off the ball"),
-        Curve("order of the whole", within(1.8, 2.2), "h²: an order off this is a broken rate, however small the error"),
+        Curve("order of the whole", within(1.8, 2.2), "h²: an order off this is a broken rate, however small the error",
+              where=lambda level: level > 0.0),
         Curve("single facets", lambda level: at_most(0.02 * 2.0**-level)(level), "its normal is the ball's beside its centre"),
     ),
     measure=late("measure_radiosity", "sphere"),
@@ -122,6 +136,7 @@ WALL = Case(
             at_most(1e-3),
             "three cuts of a patch (radiosity.patch_error) bring it under the wall's thickness only where the pilot sees a difference",
             stated=lambda size: Band(0.0, 0.01 * size),
+            where=lambda size: size > 1.0,
         ),
         Curve(
             "overdark",
@@ -204,6 +219,12 @@ MOVING_LIGHT = Case(
     measure=late("measure_radiosity", "lag"),
 )
 
+
+def _from_a_hundredth(area: float) -> bool:
+    """Where closed forms have an answer at a tenth of the area, too."""
+    return area >= 0.00999
+
+
 OPENING = Case(
     id="B8",
     title="a tiny opening between rooms",
@@ -228,8 +249,9 @@ OPENING = Case(
             "exponent, rays",
             within(0.9, 1.1),
             "power over what falls on a square metre of the hole goes as its area (catalogue B8)",
+            where=lambda area: area >= 0.0999,
         ),
-        Curve("exponent, closed forms", within(0.97, 1.03), "as by rays"),
+        Curve("exponent, closed forms", within(0.97, 1.03), "as by rays", where=_from_a_hundredth),
         Curve(
             "exponent of the power, rays", None, "as it is: a large hole also lets more of the lit room's light be lost"
         ),
@@ -237,6 +259,7 @@ OPENING = Case(
             "exponent of the power, closed forms",
             lambda area: within(0.96, 1.04)(area) if area <= 1e-2 else Band(),
             "energy goes as the area where the hole is small beside the room (catalogue B8)",
+            where=_from_a_hundredth,
         ),
         Curve("least of any seed", at_least(0.0), "light is finite and never negative, whatever the rays have missed"),
         Curve(

@@ -112,7 +112,8 @@ PROCESSES = (
         curves=(
             Curve("taken", _taken_llvm, "15 and 16 abort the process in the first kernel with a min or max; 17 and later work"),
             Curve("refused without a line", NONE, "the message holds the line that mends it"),
-            Curve("runs that end otherwise", NONE, "exit code 3 and the line, nothing written, before any kernel runs (catalogue G10)"),
+            Curve("runs that end otherwise", NONE, "exit code 3 and the line, nothing written, before any kernel runs (catalogue G10)",
+                  where=lambda major: major == 14.0),
         ),
         measure=late("system_processes", "lacking"), breaks="taken", limit=0.5,
     ),

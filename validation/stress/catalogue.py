@@ -73,7 +73,8 @@ def catalogue() -> dict[str, Entry]:
 
 
 def check_case(case: Case) -> None:
-    """ValueError unless the case can be run and can fail: rising values, curves of distinct names, at least one with a band."""
+    """ValueError unless the case can be run and can fail: rising values, curves of distinct names that mean
+    something at one of them, at least one with a band."""
     where = f"stress case {case.id}"
     if case.out_of_scope:
         return
@@ -88,6 +89,9 @@ def check_case(case: Case) -> None:
         raise ValueError(f"{where}: two curves have one name: {names}")
     if not any(curve.good or curve.stated for curve in case.curves):
         raise ValueError(f"{where}: no curve has a band, so the case cannot fail")
+    for curve in case.curves:
+        if not any(map(curve.where, case.values)):
+            raise ValueError(f"{where}: {curve.name!r} means nothing at any of {case.values}")
     if case.breaks is not None and case.breaks not in names:
         raise ValueError(f"{where}: breaks on {case.breaks!r}, which is none of {names}")
 

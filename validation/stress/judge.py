@@ -1,8 +1,8 @@
 """From readings and bands to a verdict, per point and per case.
 
-A reading v ± s is held against a band. With z from the normal distribution at a chance of ALPHA per case, shared out over its
-judged points (Bonferroni: no more than one sound case in a thousand fails by noise); what bisection reads between the values of the
-sweep is shown, not judged,
+A reading v ± s is held against a band. With z at a chance of ALPHA per case, shared out over its judged points (Bonferroni: no more
+than one sound case in a thousand fails by noise), from the normal distribution, or Student's where s is estimated from few
+repetitions (Reading.df); what bisection reads between the values of the sweep is shown, not judged,
 
     out        v lies outside the band by more than z·s
     undecided  not out, but z·s is larger than the room that the band gives, and v ± z·s is not within it
@@ -10,7 +10,7 @@ sweep is shown, not judged,
 
 The room is half the width of a closed band, the distance of the edge from 0 of one that is open on a side; for a reading beyond that
 edge only BEYOND of it, as much noise as the edge is large would else excuse anything. An undecided reading says how many samples
-it would take: s falls with the root of their number.
+it would take: s falls with the root of their number, and Student's quantile with it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import Literal
 
-from ..statistics.plan import samples_needed
+from ..statistics.plan import samples_by_student
 from .case import Band, Case, Curve, Reading, Status
 
 ALPHA = 0.001
@@ -62,19 +62,19 @@ class Verdict:
 
 
 def sigmas(points: int) -> float:
-    """Standard errors that a reading may lie outside its band, for a case of so many judged points."""
+    """Known standard errors that a reading may lie outside its band, for a case of so many judged points."""
     return max(LEAST_SIGMAS, NormalDist().inv_cdf(1.0 - ALPHA / (2.0 * max(points, 1))))
 
 
 def place(reading: Reading, band: Band, z: float) -> Where:
     """Where a reading lies. One that is not finite is out."""
-    v, s = reading.value, reading.se
-    if not (math.isfinite(v) and math.isfinite(s)):
+    v, noise = reading.value, reading.reach(z)
+    if not (math.isfinite(v) and math.isfinite(reading.se)):
         return "out"
-    if v > band.high + z * s or v < band.low - z * s:
+    if v > band.high + noise or v < band.low - noise:
         return "out"
     beyond = math.isinf(band.high - band.low) and not band.low <= v <= band.high
-    if band.low + z * s <= v <= band.high - z * s or z * s <= room(band) * (BEYOND if beyond else 1.0):
+    if band.low + noise <= v <= band.high - noise or noise <= room(band) * (BEYOND if beyond else 1.0):
         return "in"
     return "undecided"
 
@@ -92,7 +92,7 @@ def samples_wanted(reading: Reading, band: Band, z: float) -> int | None:
     gap = min(abs(reading.value - edge) for edge in (band.low, band.high) if math.isfinite(edge))
     beyond = not band.low <= reading.value <= band.high
     goal = max(room(band) * (BEYOND if beyond else 1.0), gap)
-    return samples_needed(reading.se, reading.n, goal / z) if goal > 0.0 else None
+    return samples_by_student(reading.se, reading.n, reading.df, goal, z) if goal > 0.0 else None
 
 
 def _bounded(band: Band | None) -> Band | None:
@@ -131,8 +131,8 @@ def _stated(reading: Reading, band: Band, z: float, shown_only: bool) -> tuple[P
 
 
 def judge(case: Case, readings: Readings) -> Verdict:
-    """All readings of a case, by value and curve. A curve with a band that was never read fails the case, but for one that `needs` what
-    this machine lacks."""
+    """All readings of a case, by value and curve. A curve with a band that was not read everywhere where it means something fails the
+    case, but for one that `needs` what this machine lacks, and so was read nowhere."""
     if case.out_of_scope:
         return Verdict("out of scope", False, case.out_of_scope, ())
     by_name = {curve.name: curve for curve in case.curves}
@@ -146,14 +146,29 @@ def judge(case: Case, readings: Readings) -> Verdict:
         for value, at in sorted(readings.items())
         for name, reading in at.items()
     )
-    read = {p.curve for p in points if p.value in swept}
-    unread = [c for c in case.curves if (c.good or c.stated) and c.name not in read]
-    lost = [c.name for c in unread if not c.needs]
+    holes = {c: missing for c in case.curves if (missing := _unread(case, c, readings))}
+    lacking = [c for c in holes if c.needs and not any(c.name in at for at in swept.values())]
+    lost = [_hole(case, c, missing) for c, missing in holes.items() if c not in lacking]
     if lost:
-        return Verdict("fail", False, f"never read: {', '.join(lost)}", points)
+        return Verdict("fail", False, "; ".join(lost), points)
     verdict = _verdict(case, points)
-    left_out = "".join(f"; {c.name} was not read, for want of {c.needs}" for c in unread)
+    left_out = "".join(f"; {c.name} was not read, for want of {c.needs}" for c in lacking)
     return replace(verdict, why=verdict.why + left_out)
+
+
+def _unread(case: Case, curve: Curve, readings: Readings) -> list[float]:
+    """Values of the sweep at which a curve with a band means something and has no reading."""
+    if not (curve.good or curve.stated):
+        return []
+    return [v for v in case.values if curve.where(v) and curve.name not in readings.get(v, {})]
+
+
+def _hole(case: Case, curve: Curve, missing: list[float]) -> str:
+    """A sentence on a curve that was not read at the values `missing`."""
+    if len(missing) == sum(map(curve.where, case.values)):
+        return f"never read: {curve.name}"
+    at = ", ".join(f"{v:.4g}" for v in missing)
+    return f"not read: {curve.name} at {case.parameter} {at}{' ' + case.unit if case.unit else ''}"
 
 
 def _verdict(case: Case, points: tuple[Point, ...]) -> Verdict:

@@ -212,7 +212,7 @@ def near_field(gap: float, seed: int) -> Mapping[str, Reading]:
     return {
         "closed form (ours)": Reading(mesh_form_factor(one, two, rays=1024).value / exact),
         "rays (ours)": Reading(float(between.mean()) / exact, float(rows.se.max()) / exact, 2 * NEAR_RAYS),
-        "a lamp's direct light (ours)": Reading(float(np.mean(lit)), se, 8 * LAMP_SAMPLES),
+        "a lamp's direct light (ours)": Reading(float(np.mean(lit)), se, 8 * LAMP_SAMPLES, len(lit) - 1),
         "A / π r²": Reading(1.0 / (math.pi * gap * gap) / exact),
     }
 

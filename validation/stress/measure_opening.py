@@ -59,7 +59,7 @@ def _exponent(here: F64, below: F64) -> Reading:
     if not (a.value > 0.0 and b.value > 0.0):
         return Reading(math.nan, 0.0, len(here))
     se = math.hypot(a.se / a.value, b.se / b.value) / math.log(DECADE)
-    return Reading(math.log(a.value / b.value) / math.log(DECADE), se, len(here))
+    return Reading(math.log(a.value / b.value) / math.log(DECADE), se, len(here), len(here) - 1)
 
 
 def _rooms(area: float, noise: float) -> tuple[Scene, range]:

@@ -154,4 +154,6 @@ def _bias(ours: F64, truth: Estimate) -> Reading:
     reference = truth.mean
     ratio = float(ours.mean() / reference.mean())
     rest = (ours - ratio * reference).mean(axis=1)
-    return Reading(ratio - 1.0, float(rest.std(ddof=1)) / math.sqrt(PLACES) / float(reference.mean()), PLACES)
+    return Reading(
+        ratio - 1.0, float(rest.std(ddof=1)) / math.sqrt(PLACES) / float(reference.mean()), PLACES, PLACES - 1
+    )

@@ -69,7 +69,9 @@ def choice(degrees: float, seed: int) -> Mapping[str, Reading]:
     for name in RECONSTRUCTIONS:
         ours = irradiance(name, light, normals)[..., 1]
         error = np.sqrt(((ours - exact) ** 2).mean(axis=1)) / exact.mean(axis=1)
-        found[f"mix_{name}"] = Reading(float(error.mean()), float(error.std(ddof=1)) / math.sqrt(SCENES), SCENES)
+        found[f"mix_{name}"] = Reading(
+            float(error.mean()), float(error.std(ddof=1)) / math.sqrt(SCENES), SCENES, SCENES - 1
+        )
     return found
 
 
@@ -119,7 +121,9 @@ def tunnel(length: float, seed: int) -> Mapping[str, Reading]:
         found[name] = Reading(rms / mean, noise / mean, TUNNEL_NORMALS)
         ours = irradiance(name, probes[:, None], normals)[..., 1]
         over = np.sqrt(((ours - best) ** 2).mean(axis=1)) / mean
-        found[f"over_{name}"] = Reading(float(over.mean()), float(over.std(ddof=1)) / math.sqrt(PROBES), PROBES)
+        found[f"over_{name}"] = Reading(
+            float(over.mean()), float(over.std(ddof=1)) / math.sqrt(PROBES), PROBES, PROBES - 1
+        )
     return found
 
 

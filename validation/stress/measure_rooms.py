@@ -102,7 +102,7 @@ BAND = 256
 # B5, B6 --------------------------------------------------------------------------------------------------------------
 
 REFLECTANCE, GLOSS_PATCH, POINTS = 0.6, 0.25, 192
-LOOKS, LEAST_LOOKS = 8, 2  # bakes with random numbers of their own, each with points of its own
+LOOKS, LEAST_LOOKS, GLOSS_LOOKS = 8, 2, 12  # bakes with random numbers of their own, each with points of its own
 
 
 def gloss(weight: float, seed: int) -> Mapping[str, Reading]:
@@ -120,7 +120,8 @@ def gloss(weight: float, seed: int) -> Mapping[str, Reading]:
     )
     lamp = dataclasses.replace(lamp, vertices=lamp.vertices - (1e-3, 0, 0))
     s = scene_of([*meshes, lamp], [grey(0.4), floor], radiosity={"patch_size": GLOSS_PATCH})
-    return until_decided(GLOSS, weight, _Against(s, (2.0, 1.0, 2.0), 0.5 * GLOSS_PATCH, seed), LOOKS, LEAST_LOOKS)
+    # As many bakes at every share: bands so wide are told by few, the limit that the bisection looks for is not.
+    return until_decided(GLOSS, weight, _Against(s, (2.0, 1.0, 2.0), 0.5 * GLOSS_PATCH, seed), GLOSS_LOOKS, GLOSS_LOOKS)
 
 
 class _Against:

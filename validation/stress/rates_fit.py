@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from .case import Case, Reading
-from .until_decided import until_decided
+from .until_decided import mean_of, until_decided
 
 Sizes = npt.NDArray[np.floating]
 Law = tuple[Sizes, Callable[[int], Sequence[float]]]
@@ -31,7 +30,7 @@ def exponents(case: Case, value: float, laws: Mapping[str, Law]) -> dict[str, Re
 
 def exponent(sizes: Sizes, errors: Sizes) -> Reading:
     """Slope of ln e over ln x. sizes (K,), errors (S, K) from S ≥ 2 independent repetitions, all positive: each repetition is fitted
-    by least squares, and the spread of the S slopes gives the standard error."""
+    by least squares, and the spread of the S slopes gives the standard error. Of S · K errors only S are independent here."""
     x = np.log(sizes) - np.log(sizes).mean()
     slopes = np.log(errors) @ x / (x @ x)
-    return Reading(float(slopes.mean()), float(slopes.std(ddof=1)) / math.sqrt(len(slopes)), errors.size)
+    return mean_of(slopes.tolist())

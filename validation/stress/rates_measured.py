@@ -216,7 +216,7 @@ def _shrinking(system: System, method: Any, exact: Floats, albedo: float) -> Rea
         errors.append(float(np.sqrt(system.area @ (b[:, 0] - exact) ** 2)))
     steps = np.diff(np.log(np.array(errors)[SWEEPS]))
     factor = math.exp(float(steps.mean())) / albedo
-    return Reading(factor, factor * float(steps.std(ddof=1)) / math.sqrt(len(steps)), len(steps))
+    return Reading(factor, factor * float(steps.std(ddof=1)) / math.sqrt(len(steps)), len(steps), len(steps) - 1)
 
 
 def voxel_size(size: float, seed: int) -> Mapping[str, Reading]:

@@ -32,11 +32,13 @@ class BandRecord(Open):
 
 
 class PointRecord(Open):
-    """A reading, judged. parameter: of the sweep or the bisection. value: None where it is not finite. samples: how many would tell."""
+    """A reading, judged. parameter: of the sweep or the bisection. value: None where it is not finite. samples: how many would tell.
+    df: degrees of freedom of `se`, absent where it is as good as known."""
 
     parameter: float
     value: float | None
     se: NonNegative | None = None
+    df: NonNegative | None = None
     n: Count
     good: BandRecord | None = None
     stated: BandRecord | None = None
@@ -161,7 +163,7 @@ def readings_of(outcome: Outcome) -> Readings:
         return math.nan if sent is None else sent
 
     return {
-        at["value"]: {name: Reading(number(r["value"]), number(r["se"]), r["n"]) for name, r in at["readings"].items()}
+        at["value"]: {name: Reading(number(r["value"]), number(r["se"]), r["n"], r.get("df")) for name, r in at["readings"].items()}
         for at in outcome["readings"]
     }  # fmt: skip
 
@@ -180,6 +182,8 @@ def _point(p: Point) -> JsonObject:
     }
     if finite and p.reading.se:
         made["se"] = p.reading.se
+        if p.reading.df is not None:
+            made["df"] = p.reading.df
     for name, band in (("good", p.good), ("stated", p.stated)):
         if band is not None:
             made[name] = _band(band)

@@ -20,13 +20,15 @@ from .texture_worlds import device, flat_light, inside, uniform_tree, units, wor
 
 FRACTION_BITS = 8  # of a texture unit's 24.8 fixed-point coordinates
 LEVEL, COUNT = 4, 60_000
+PARTS = 20
 INVALID, BOUNDED = 0.1, 4000  # share of invalid probes; samples held against the bound
 
 
 def _percentile(error: F64, share: float) -> Reading:
-    """A percentile with its standard error from eight parts of the samples."""
-    parts = [np.percentile(part, share) for part in np.array_split(error, 8)]
-    return Reading(float(np.percentile(error, share)), float(np.std(parts, ddof=1) / math.sqrt(8)), len(error))
+    """A percentile with its standard error from PARTS parts of the samples."""
+    parts = [np.percentile(part, share) for part in np.array_split(error, PARTS)]
+    se = float(np.std(parts, ddof=1)) / math.sqrt(PARTS)
+    return Reading(float(np.percentile(error, share)), se, len(error), PARTS - 1)
 
 
 def _relative(ours: F32, exact: F64 | F32) -> F64:

@@ -1,4 +1,4 @@
-"""What cases F5 and F6 measure: which test of a picture finds a small bias in the dark, and what a second run gives."""
+"""What case F5 measures: which test of a picture finds a small bias in the dark."""
 
 from __future__ import annotations
 
@@ -9,19 +9,10 @@ from functools import cache
 import numpy as np
 from scipy.stats import norm
 
-from ...fastpath.sampler import Sampler
 from ...reference.datatypes import F64, I64
-from ...reference.progress import silent
-from ...reference.truth.mitsuba_scene import TruthScene, build_truth_scene
-from ...reference.truth.path_traced import path_depth, picture
-from ...reference.truth.points import Points
-from ..provenance import provenance
 from ..statistics.equivalence import equivalent
 from ..statistics.welch import biased_blocks
 from .case import Reading
-from .scenes import box, grey, scene_of
-from .texture_worlds import device, inside, random_world, units
-from .trees import random_tree
 
 SIDE, BLOCK, BATCHES, SPP = 128, 16, 8, 32  # pixels a side, of a block; randomisations; samples per pixel
 DARK, LIT, NOISE = (
@@ -32,8 +23,6 @@ DARK, LIT, NOISE = (
 ALPHA, WITHIN = 0.05, 0.02
 Z_ALPHA, FLOOR = 0.01, 1e-4  # of Mitsuba's test: chance per picture, least variance of a pixel
 RUNS, CLEAN_RUNS, CLEAN_SIDE = 40, 400, 64
-FACTS = ("cpu", "llvm", "opencl", "cores")
-ROOM_POINTS, ROOM_PATHS = 1000, 64
 
 
 def _truth(side: int) -> tuple[F64, I64]:
@@ -94,47 +83,3 @@ def _false_finds(seed: int) -> Reading:
     found = [bool(biased_blocks(_rendered(mean, rng), _rendered(mean, rng), block, ALPHA).biased.any())
              for _ in range(CLEAN_RUNS)]  # fmt: skip
     return _share(found)
-
-
-@cache
-def _room(seed: int) -> tuple[TruthScene, Points, int]:
-    """A closed room with a lamp in the air, and receivers on its floor."""
-    lights = {"lamp": {"type": "point", "position": (0.4, 0.6, 0.5), "intensity": (1, 2, 3)}}
-    s = scene_of([box((0, 0, 0), (1, 1, 1))], [grey(0.5)], lights=lights)
-    rng = np.random.default_rng([seed, 42])
-    p = np.column_stack([rng.random(ROOM_POINTS), np.zeros(ROOM_POINTS), rng.random(ROOM_POINTS)])
-    points = Points(p, np.tile([0.0, 1.0, 0.0], (ROOM_POINTS, 1)), np.zeros(ROOM_POINTS, np.int32))
-    return build_truth_scene(s), points, path_depth(s, 1e-3)
-
-
-def again(threads: float, seed: int) -> Mapping[str, Reading]:
-    """F6: the truth and the sampler once more, the truth on another number of threads; the truth from other random numbers, as another
-    machine may draw them; facts that a record must hold."""
-    import drjit as dr
-
-    t, points, depth = _room(seed)
-    before = dr.thread_count()
-    first = picture(t, points, ROOM_PATHS, depth, seed, silent).irradiance
-    dr.set_thread_count(round(threads))
-    try:
-        second = picture(t, points, ROOM_PATHS, depth, seed, silent).irradiance
-    finally:
-        dr.set_thread_count(before)
-    other = picture(t, points, ROOM_PATHS, depth, seed + 1, silent).irradiance
-    apart = (other.mean(axis=(0, 2)) - first.mean(axis=(0, 2))) / first.mean()
-    recorded = provenance(device(), {}, seed, "stress")
-    return {
-        "truth, values that differ": Reading(float((first != second).sum()), 0.0, first.size),
-        "sampler, values that differ": _sampled_twice(seed),
-        "truth, other random numbers": Reading(
-            float(apart.mean()), float(apart.std(ddof=1)) / math.sqrt(len(apart)), len(apart)
-        ),
-        "facts not recorded": Reading(float(sum(not recorded.get(name) for name in FACTS)), 0.0, len(FACTS)),
-    }
-
-
-def _sampled_twice(seed: int) -> Reading:
-    w = random_world(random_tree(4, 0.6, [seed, 1]), 0.2, seed)
-    p, n = inside(w, 20_000, seed), units(20_000, seed)
-    a, b = (Sampler(device(), w.texture, "half", "packed")(p, n).irradiance for _ in range(2))
-    return Reading(float((a != b).sum()), 0.0, a.size)

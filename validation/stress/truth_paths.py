@@ -24,7 +24,7 @@ TOLERANCE = 1e-3  # of the truth's depth, its default
 RECEIVERS, PATHS = 400, 128
 CUT_PATHS = 1024  # of F4, in the Cornell box
 FEW, EACH, BOUNDED = (
-    64,
+    128,
     1024,
     64,
 )  # receivers in the furnace, their paths, and where no roulette plays, all of one worth
@@ -125,7 +125,7 @@ def roulette(albedo: float, seed: int) -> Mapping[str, Reading]:
     each = e.irradiance[:, :, 0].mean(axis=0)
     se = float(each.std(ddof=1)) / math.sqrt(FEW)
     exact = math.pi / (1.0 - albedo)
-    found = {"error": Reading(float(each.mean()) / exact - 1.0, se / exact, FEW * paths)}
+    found = {"error": Reading(float(each.mean()) / exact - 1.0, se / exact, FEW * paths, FEW - 1)}
     runs = (("tail index", roulette_depth(depth), plays), ("tail index, early roulette", EARLY, True))
     for name, start, long in runs:
         values = path_values(
@@ -169,7 +169,7 @@ def _lost(furnace: bool, depth: int, seed: int) -> Reading:
     short, long = (_at_depth(furnace, d, seed).mean.mean(axis=1) for d in (depth, LONGEST))
     share = 1.0 - short.sum() / long.sum()
     se = float((long - short - share * long).std(ddof=1)) * math.sqrt(len(long)) / float(long.sum())
-    return Reading(float(share), se, len(long))
+    return Reading(float(share), se, len(long), len(long) - 1)
 
 
 @cache
@@ -185,7 +185,7 @@ def _over_solved(depth: int, seed: int) -> Reading:
     late, expected = long - short, _bounces(seed).late(depth)
     ratio = float(late.sum() / expected.sum())
     se = float((late - ratio * expected).std(ddof=1)) * math.sqrt(len(late)) / float(expected.sum())
-    return Reading(ratio, se, len(late))
+    return Reading(ratio, se, len(late), len(late) - 1)
 
 
 def depth(longest: float, seed: int) -> Mapping[str, Reading]:
@@ -198,7 +198,7 @@ def depth(longest: float, seed: int) -> Mapping[str, Reading]:
     found = {
         "Cornell box": box,
         "Mitsuba's own box": lost_by_mitsuba(d, seed),
-        "own depth, over the tolerance": Reading(own.value / tolerance, own.se / tolerance, own.n),
+        "own depth, over the tolerance": Reading(own.value / tolerance, own.se / tolerance, own.n, own.df),
     }
     if d <= SEEN_LOST:
         found["Cornell box, over bounces solved"] = _over_solved(d, seed)

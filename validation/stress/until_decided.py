@@ -17,7 +17,6 @@ from ..statistics.plan import Sequential
 from .case import Band, Case, Curve, Reading, at_most
 from .judge import ALPHA, LEAST_SIGMAS, place, room
 
-BISECTED = 0.0027  # chance of 3 standard errors, which bisect.py asks for
 Look = Callable[[int], Mapping[str, Reading]]
 
 
@@ -39,7 +38,9 @@ def until_decided(case: Case, value: float, look: Look, looks: int, least: int =
         if value in case.values:
             told = all(_told(curves[name], value, r, k, looks, alpha) for name, r in readings.items())
         else:
-            told = case.breaks not in readings or _on_a_side(readings[case.breaks], limit, k, looks, BISECTED)
+            told = case.breaks not in readings or _on_a_side(
+                readings[case.breaks], limit, k, looks, ALPHA / len(case.values)
+            )
         if told and k >= least:
             break
     return readings
@@ -62,8 +63,9 @@ def _told(curve: Curve, value: float, reading: Reading, k: int, looks: int, alph
 
 def settled(reading: Reading, band: Band, k: int, looks: int, alpha: float) -> bool:
     """Whether a reading from look `k` of `looks` is clearly in or out of a band, or its noise is small beside it."""
-    bound = Sequential(0.0, looks, alpha).bounds[-1]
-    return bound * reading.se <= room(band) or _on_a_side(reading, band, k, looks, alpha)
+    return reading.reach(Sequential(0.0, looks, alpha).bounds[-1]) <= room(band) or _on_a_side(
+        reading, band, k, looks, alpha
+    )
 
 
 def _on_a_side(reading: Reading, band: Band, k: int, looks: int, alpha: float) -> bool:
@@ -72,18 +74,20 @@ def _on_a_side(reading: Reading, band: Band, k: int, looks: int, alpha: float) -
         return True
     edges = [edge for edge in (band.low, band.high) if math.isfinite(edge)]
     stops = [Sequential(edge, looks, alpha) for edge in edges]
-    sides = [stop.decide(reading.value, reading.se, k, max(reading.n - 1, 1)) for stop in stops]
+    sides = [
+        stop.decide(reading.value, reading.se, k, math.inf if reading.df is None else reading.df) for stop in stops
+    ]
     beyond = any(s == ("under" if e == band.low else "over") for s, e in zip(sides, edges, strict=True))
     return beyond or all(sides)
 
 
 def mean_of(values: Sequence[float], each: Sequence[float] = ()) -> Reading:
     """Mean of independent values. each: their own standard errors, where known: the mean's is then not under what these say, however
-    close a few values happen to lie."""
+    close a few values happen to lie. The degrees of freedom are those of the spread either way: chance may have made it the larger."""
     n = len(values)
     spread = float(np.std(values, ddof=1)) / math.sqrt(n) if n > 1 else 0.0
     own = math.sqrt(float(np.square(each).sum())) / n if len(each) else 0.0
-    return Reading(float(np.mean(values)), max(spread, own), n)
+    return Reading(float(np.mean(values)), max(spread, own), n, n - 1)
 
 
 def share_of(hits: int, count: int) -> Reading:

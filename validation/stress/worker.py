@@ -47,6 +47,8 @@ def reading_json(reading: Reading) -> dict[str, Any]:
         raise ValueError(f"a standard error cannot be negative, got {se}")
     finite = math.isfinite(value) and math.isfinite(se)
     sent: dict[str, Any] = {"value": value if finite else None, "se": se if finite else None, "n": int(reading.n)}
+    if reading.df is not None:
+        sent["df"] = float(reading.df)
     return sent if finite else {**sent, "not_finite": f"{value} ± {se}"}
 
 
