@@ -82,8 +82,8 @@ def test_intervals_of_the_bias_cover() -> None:
 
 
 def test_noise_of_the_reference_knows_its_own_spread() -> None:
-    """Noise that differs threefold from point to point, over 200 seeds: the claimed standard error against the real spread, 0.95 ± 0.06 of
-    it over ten such sets. Equal noise everywhere, which it might assume, would claim a third."""
+    """Noise that differs threefold from point to point, over 200 seeds: the claimed standard error against the real spread, 0.95 ± 0.06
+    of it over ten such sets. Equal noise everywhere, which it might assume, would claim a third."""
     values, claimed = [], []
     for seed in range(200):
         rng = np.random.default_rng(seed)
