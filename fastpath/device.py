@@ -17,6 +17,7 @@ from typing import Any, Literal
 from ..reference.errors import EnvironmentLacks
 
 VARIABLE = "LIGHTGAUGE_OPENCL_DEVICE"
+POCL_PINNED = "POCL_AFFINITY"
 MEND_OPENCL = "pip install 'pyopencl[pocl]'"
 LINKER_PACKAGES = "gcc libc6-dev"
 Kind = Literal["gpu", "cpu", "other"]
@@ -78,9 +79,20 @@ def pyopencl_module() -> Any:
     return pyopencl
 
 
+def pin_threads() -> None:
+    """Ask PoCL to keep each of its threads on a core of its own, unless the user chose or not all cores are this process's.
+
+    A frame of relighting is shorter than a tick of Linux's scheduler, which now and then wakes two threads on one core and leaves
+    them there for the whole of it (README, `bench transport`). PoCL reads the variable once, when its devices are first listed.
+    """
+    if sys.platform == "linux" and len(os.sched_getaffinity(0)) == os.cpu_count():
+        os.environ.setdefault(POCL_PINNED, "1")
+
+
 def _raw_devices() -> list[Any]:
     """All devices of all platforms, in the platforms' order. A platform without devices is passed over."""
     cl = pyopencl_module()
+    pin_threads()
     devices: list[Any] = []
     try:
         platforms = cl.get_platforms()

@@ -46,3 +46,26 @@ def test_no_linker_is_told_before_pocl_aborts(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(device, "glob", lambda _: [])
     with pytest.raises(EnvironmentLacks, match="ld, libgcc, libc"):
         device.require_linker()
+
+
+@pytest.mark.parametrize(
+    ("mine", "chosen", "left"),
+    [({0, 1}, None, "1"), ({0, 1}, "0", "0"), ({1}, None, None)],
+    ids=["all cores", "user's choice", "held to some cores"],
+)
+def test_threads_are_pinned_where_all_cores_are_ours(
+    monkeypatch: pytest.MonkeyPatch, mine: set[int], chosen: str | None, left: str | None
+) -> None:
+    monkeypatch.setattr(device.sys, "platform", "linux")
+    monkeypatch.setattr(device.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(device.os, "sched_getaffinity", lambda _: mine, raising=False)
+    monkeypatch.setattr(device.os, "environ", {} if chosen is None else {device.POCL_PINNED: chosen})
+    device.pin_threads()
+    assert device.os.environ.get(device.POCL_PINNED) == left
+
+
+def test_listing_devices_pins_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    called: list[bool] = []
+    monkeypatch.setattr(device, "pin_threads", lambda: called.append(True))
+    device.list_devices()
+    assert called

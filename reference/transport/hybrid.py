@@ -164,14 +164,15 @@ def _flows(p: Patches, cells: Cells, found: _Exchanges, share: tuple[F64, F64], 
     """Cells' exchanges added up over pairs of patches; the outside from rays. What no ray saw is not bent to let light in."""
     seen = np.flatnonzero(found.code != BLOCKED)
     owner = cells.patch[found.pairs[seen]]  # ascending in a pair, as cells are
-    key = owner[:, 0] * p.count + owner[:, 1]
-    pair = np.arange(len(key))
-    if not (np.diff(key) > 0).all():  # patches of several cells
-        key, pair = np.unique(key, return_inverse=True)
-        pair = pair.reshape(-1)
     # A bent patch sees itself: both directions of such a pair are flows from it to itself.
     twice = np.where(owner[:, 0] == owner[:, 1], 2.0, 1.0) * found.x[seen]
-    x = np.bincount(pair, twice * share[0][seen], len(key)).astype(np.float64)
-    spread = np.bincount(pair, (twice * share[1][seen]) ** 2, len(key)).astype(np.float32)
-    lo, hi = (key // p.count).astype(np.int32), (key % p.count).astype(np.int32)
+    x, squared = twice * share[0][seen], (twice * share[1][seen]) ** 2
+    key = owner[:, 0] * p.count + owner[:, 1]
+    if not (np.diff(key) > 0).all():  # patches of several cells
+        key, first, pair = np.unique(key, return_index=True, return_inverse=True)
+        owner, pair = owner[first], pair.reshape(-1)
+        x = np.bincount(pair, x, len(key)).astype(np.float64)
+        squared = np.bincount(pair, squared, len(key)).astype(np.float64)
+    lo, hi = owner.T.astype(np.int32)
+    spread = squared.astype(np.float32)
     return rays._replace(lo=lo, hi=hi, x=x, variance=np.where(x > 0.0, spread, np.float32(0.0)), spread=spread)

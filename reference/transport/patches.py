@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -196,11 +197,14 @@ def exitance_of(meshes: Sequence[Mesh], emitter: I32, shine: F64) -> tuple[F64, 
 def _element_albedo(scene: Scene, g: Geometry, cuts: I32, first: I64, triangle: I32) -> F64:
     """Albedo (E, 3) for the radiosity: of the material, or of its texture averaged over the element."""
     owner = g.mesh[triangle]
-    plain = np.stack([m.albedo for m in (scene.materials[k.material] for k in scene.meshes)])[owner]
+    material = np.array([m.material for m in scene.meshes])[owner]
+    plain = np.stack([m.albedo for m in scene.materials])[material]
     colour = element_texture(scene, g, cuts, first, triangle, "texture", plain)
-    for number, mesh in enumerate(scene.meshes):
-        mine = owner == number
-        colour[mine] = baked_albedo(scene.materials[mesh.material], colour[mine])
+    order = np.argsort(material, kind="stable")
+    ends = np.searchsorted(material[order], np.arange(len(scene.materials) + 1))
+    for number, (begin, end) in enumerate(pairwise(ends)):
+        mine = order[begin:end]
+        colour[mine] = baked_albedo(scene.materials[number], colour[mine])
     return colour
 
 

@@ -28,8 +28,10 @@ def element_texture(scene: Scene, g: Geometry, cuts: I32, first: I64, triangle: 
     owner, colour = g.mesh[triangle], plain.copy()
     for number, mesh in enumerate(scene.meshes):
         texture = getattr(scene.materials[mesh.material], name, None)
+        if texture is None or mesh.uvs is None:
+            continue
         mine = np.flatnonzero(owner == number)
-        if texture is None or mesh.uvs is None or len(mine) == 0:
+        if len(mine) == 0:
             continue
         own = mesh.uvs[mesh.faces[triangle[mine] - int(np.argmax(g.mesh == number))]].astype(np.float64)
         within = corners_of_elements(cuts, first, triangle[mine], mine)

@@ -2,7 +2,8 @@
 
     speed_vs_pyviewfactor = our pairs/s / its pairs/s        error_vs_pyviewfactor = our rms over pairs / its rms
 
-On 816 quads; rows that end in _204 are of the published box. Both from mesh to matrix, in turn, on all cores; its own
+On 1,836 quads, the published box's 204 each cut in nine; rows that end in _816 (cut in four) and _204 (the box itself) say how much of
+the gain hangs on size: our overhead is by the quad, its work by the pair. Both from mesh to matrix, in turn, on all cores; its own
 compilation is over before the first repeat. Its obstacle is the inner cube alone: nothing else can stand in the way, and
 it is faster so.
 """
@@ -32,11 +33,12 @@ PACKAGE = "pyviewfactor"
 MEND = ".venv/bin/pip install -c constraints.txt -e '.[bench]'"
 NOISE = 1e-3  # a tenth of its error, and some
 REPEATS = 7
-FINE_NOISE, FINE_REPEATS = 3.1e-4, 3
+FINE_REPEATS = 5
+FINE = {"": (3, 1.75e-4), "_816": (2, 3.1e-4)}  # cuts of each edge, noise
 AGREES = 3e-6  # rms per pair
 KINDS = ("speed_vs_pyviewfactor", "error_vs_pyviewfactor", "pyviewfactor_pairs_per_s", "hybrid_pairs_per_s",
          "pyviewfactor_rms", "hybrid_vs_pyviewfactor_rms")  # fmt: skip
-NAMES = tuple(kind + suffix for suffix in ("", "_204") for kind in KINDS)
+NAMES = tuple(kind + suffix for suffix in (*FINE, "_204") for kind in KINDS)
 
 
 @contextmanager
@@ -77,11 +79,12 @@ def peer(box: Box, folder: Path) -> Iterator[tuple[F64, Callable[[int], float]]]
 
 
 def compared(wanted: Wanted, progress: Progress) -> Iterator[Row]:
-    """All rows of the comparison: the finer box, and the published one of 204 quads, whose overhead is a larger share."""
+    """All rows of the comparison: the finer boxes, and the published one of 204 quads, whose overhead is a larger share."""
     _require_peer()
     ensure_variant()
-    if wanted & {*KINDS}:
-        yield from _rows(fine_box(), FINE_NOISE, FINE_REPEATS, "", progress)
+    for suffix, (cut, noise) in FINE.items():
+        if wanted & {kind + suffix for kind in KINDS}:
+            yield from _rows(fine_box(cut, noise), noise, FINE_REPEATS, suffix, progress)
     if wanted & {kind + "_204" for kind in KINDS}:
         yield from _rows(published_box(), NOISE, REPEATS, "_204", progress)
 
@@ -91,15 +94,15 @@ def _require_peer() -> None:
         raise CannotMeasure(f"the package {PACKAGE} is not installed. To mend it: {MEND}")
 
 
-def fine_box() -> Box:
-    """The cube in a cube with every published quad cut in four. The truth is our own hybrid with a tenth of the noise,
-    which added up over the four pieces has to give the published form factors. Raises CannotMeasure where it does not."""
+def fine_box(cut: int, noise: float) -> Box:
+    """The cube in a cube with every published quad cut in cut². The truth is our own hybrid with a tenth of the noise,
+    which added up over the pieces has to give the published form factors. Raises CannotMeasure where it does not."""
     coarse = published_box()
-    quads = np.concatenate([split(q, 2) for q in coarse.quads])
+    quads = np.concatenate([split(q, cut) for q in coarse.quads])
     scene = scene_of_quads(quads)
-    truth = build(scene, OUTSIDE_RAYS, FINE_NOISE / 10.0, 99).matrix
+    truth = build(scene, OUTSIDE_RAYS, noise / 10.0, 99).matrix
     n = len(coarse.quads)
-    together = truth.reshape(n, 4, n, 4).sum(axis=3).mean(axis=1)
+    together = truth.reshape(n, cut**2, n, cut**2).sum(axis=3).mean(axis=1)
     if rms(together, coarse.truth) > AGREES:
         raise CannotMeasure(f"the finer box adds up to {rms(together, coarse.truth):.2g} rms from the published one")
     return Box(scene, quads, truth)
