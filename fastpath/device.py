@@ -18,6 +18,7 @@ from ..reference.errors import EnvironmentLacks
 
 VARIABLE = "LIGHTGAUGE_OPENCL_DEVICE"
 POCL_PINNED = "POCL_AFFINITY"
+POCL_THREADS = ("POCL_CPU_MAX_CU_COUNT", "POCL_MAX_PTHREAD_COUNT")  # names by version
 MEND_OPENCL = "pip install 'pyopencl[pocl]'"
 LINKER_PACKAGES = "gcc libc6-dev"
 Kind = Literal["gpu", "cpu", "other"]
@@ -80,12 +81,15 @@ def pyopencl_module() -> Any:
 
 
 def pin_threads() -> None:
-    """Ask PoCL to keep each of its threads on a core of its own, unless the user chose or not all cores are this process's.
+    """Ask PoCL to keep thread i on core i, unless the user chose that or the number of threads, or not all cores are this process's:
+    PoCL 3.0 aborts where there is no such core.
 
     A frame of relighting is shorter than a tick of Linux's scheduler, which now and then wakes two threads on one core and leaves
-    them there for the whole of it (README, `bench transport`). PoCL reads the variable once, when its devices are first listed.
+    them there for the whole of it (README, `bench transport`).
     """
-    if sys.platform == "linux" and len(os.sched_getaffinity(0)) == os.cpu_count():
+    if sys.platform != "linux" or any(name in os.environ for name in POCL_THREADS):
+        return
+    if os.sched_getaffinity(0) == set(range(os.cpu_count() or 0)):
         os.environ.setdefault(POCL_PINNED, "1")
 
 

@@ -50,16 +50,22 @@ def test_no_linker_is_told_before_pocl_aborts(monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.mark.parametrize(
     ("mine", "chosen", "left"),
-    [({0, 1}, None, "1"), ({0, 1}, "0", "0"), ({1}, None, None)],
-    ids=["all cores", "user's choice", "held to some cores"],
+    [
+        ({0, 1}, {}, "1"),
+        ({0, 1}, {device.POCL_PINNED: "0"}, "0"),
+        ({0, 1}, {device.POCL_THREADS[1]: "4"}, None),
+        ({1}, {}, None),
+        ({2, 3}, {}, None),
+    ],
+    ids=["all cores", "user's choice", "user's threads", "held to one core", "cores that are numbered otherwise"],
 )
 def test_threads_are_pinned_where_all_cores_are_ours(
-    monkeypatch: pytest.MonkeyPatch, mine: set[int], chosen: str | None, left: str | None
+    monkeypatch: pytest.MonkeyPatch, mine: set[int], chosen: dict[str, str], left: str | None
 ) -> None:
     monkeypatch.setattr(device.sys, "platform", "linux")
     monkeypatch.setattr(device.os, "cpu_count", lambda: 2)
     monkeypatch.setattr(device.os, "sched_getaffinity", lambda _: mine, raising=False)
-    monkeypatch.setattr(device.os, "environ", {} if chosen is None else {device.POCL_PINNED: chosen})
+    monkeypatch.setattr(device.os, "environ", chosen)
     device.pin_threads()
     assert device.os.environ.get(device.POCL_PINNED) == left
 

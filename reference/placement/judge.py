@@ -24,7 +24,9 @@ from ..datatypes import F32, F64, I32, I64
 from .lightings import noticed
 
 TINY = np.finfo(np.float64).tiny
+ROWS_AT_ONCE = 32
 OWN_SHARE = 0.5  # of a column's own error in what is used for it; the rest is its cluster's
+_Matrix = F32 | F64 | sparse.csr_array
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,7 @@ class Judge:
         light = np.concatenate([stage.lightings, stage.expected[:, None]], axis=1).astype(np.float32)
         self._lit = np.asarray(self._factors @ light)
         every = sparse.hstack(self._read, format="csr")
-        self._error, squares = _errors((every @ self._factors).toarray(), a.toarray(), b.toarray())
+        self._error, squares = _errors((every @ self._factors).tocsr(), a, b)
         self._lit_error, self._lit_square = _errors(every @ self._lit, a @ light, b @ light)
         self.square = self._shared(squares, stage.cluster)
         known = np.isfinite(self.square)
@@ -144,10 +146,23 @@ def raised(change: F64) -> F64:
     return np.asarray(np.sqrt(np.maximum(1.0 + change, 0.0)) - 1.0)
 
 
-def _errors(ours: F32, a: F32 | F64, b: F32 | F64) -> tuple[F32, F64]:
-    """Error (N, C) against both halves together, and mean of its squares (C,), in which the halves' noise cancels."""
-    square = np.asarray(np.mean((ours - a) * (ours - b), axis=0, dtype=np.float64))
-    return np.asarray(ours - 0.5 * (a + b), dtype=np.float32), square
+def _errors(ours: _Matrix, a: _Matrix, b: _Matrix) -> tuple[F32, F64]:
+    """Error (N, C) against both halves together, and mean of its squares (C,), in which the halves' noise cancels.
+
+    Some rows at a time, which fit the caches: that takes a third of the time, and one dense matrix is made instead of six."""
+    error, square = np.empty(ours.shape, dtype=np.float32), np.zeros(ours.shape[1])
+    for begin in range(0, len(error), ROWS_AT_ONCE):
+        part = slice(begin, begin + ROWS_AT_ONCE)
+        less_a, less_b = (_dense(ours, part) - _dense(half, part) for half in (a, b))
+        square += np.sum(less_a * less_b, axis=0, dtype=np.float64)
+        error[part] = 0.5 * (less_a + less_b)
+    return error, square / max(len(error), 1)
+
+
+def _dense(matrix: _Matrix, part: slice) -> F64:
+    """Rows of a matrix, dense or sparse, in double precision."""
+    rows = matrix[part]
+    return np.asarray(rows.toarray() if sparse.issparse(rows) else rows, dtype=np.float64)
 
 
 def _change(d: sparse.csr_array, error: F32) -> F64:

@@ -28,7 +28,7 @@ REACH = 6.0  # m: the finest level serves up to there
 MIDDLE = np.array([30.7, 33.1, 31.9])
 ANCHOR = np.zeros(3)
 FRAMES, RADIUS = 24, 3.0
-POINTS = 500
+POINTS = 2000
 BLEND = 0.25
 DIRECTIONS = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [1.0, 1.0, 1.0]])
 

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...fastpath.device import POCL_PINNED, POCL_THREADS
 from ...fastpath.sampler import Sampler
 from ...reference.datatypes import F32, F64
 from ...reference.progress import silent
@@ -32,7 +33,6 @@ from .trees import random_tree
 
 FACTS = ("cpu", "llvm", "vector_width", "opencl", "cores")
 ROOM_POINTS, ROOM_PATHS, SAMPLES = 1000, 64, 20_000
-POCL_THREADS = ("POCL_CPU_MAX_CU_COUNT", "POCL_MAX_PTHREAD_COUNT")  # names by version
 CHILD_SECONDS = 120.0
 Sampled = tuple[int, F32]  # compute units; irradiance (N, 3)
 
@@ -105,7 +105,9 @@ def sampled_on(threads: int, seed: int) -> Sampled:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "sampled.npz"
         command = [sys.executable, "-m", __name__, str(seed), str(file)]
-        environment = os.environ | dict.fromkeys(POCL_THREADS, str(threads))
+        environment = (
+            os.environ | dict.fromkeys(POCL_THREADS, str(threads)) | {POCL_PINNED: "0"}
+        )  # there may be fewer cores
         done = subprocess.run(
             command, env=environment, capture_output=True, text=True, timeout=CHILD_SECONDS, check=False
         )
